@@ -1,0 +1,2277 @@
+"""sensorid: which error model does an inertial sensor follow, and how well can one tell?
+
+Reference implementation of O. Stepanov and A. Motorin, "Performance Criteria for the
+Identification of Inertial Sensor Error Models", Sensors 2019, 19(9), 1997. Equation
+numbers are theirs. A record y is explained by one of K shaping filters
+
+    x_i = Phi x_{i-1} + Gamma w_i,    y_i = H x_i + bias + Psi v_i,           (1), (2)
+
+whose structure and parameters theta are unknown. A bank of Kalman filters over a grid of
+theta gives the probability of every structure and the posterior of its parameters;
+simulation gives the criteria: how often, and by how much, such an answer is wrong.
+
+Notation
+    y[trial, i]    sensor error in the user's unit u, sampled at (i + 1) * dt
+    k, j           hypothesis; node of its grid
+    theta          parameters of a shaping filter; sigma_* a standard deviation, u
+    tau_m          correlation time of a Markov process, s
+    tau            averaging time of the Allan variance, s; never a correlation time
+    a, q, r, p     one-state filter: transition factor, process and measurement noise
+                   variances, predicted variance of the state
+    nu, f          innovation and its variance (the paper's lambda and Lambda)
+    e, mu          the same filter fed with ones: its state and its innovation
+    scale          factor common to all noises; integrated out in closed form
+
+The file reads in the order of the paper; a section calls only sections above it.
+"""
+
+import argparse
+import csv
+import hashlib
+import inspect
+import json
+import os
+import pathlib
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from typing import Callable, NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+__version__ = "0.1.0"
+
+JIT = dict(cache=True, error_model="numpy", fastmath={"contract"})
+LOG_2PI = np.log(2.0 * np.pi)
+
+
+# ---- 1. Models ----------------------------------- paper Secs. 2 and 4, Eqs. (1)-(2), (21)-(23)
+
+class ShapingFilter(NamedTuple):
+    """Matrices of Eqs. (1)-(2). The leading axis is time: one step, or one per sample."""
+
+    Phi: np.ndarray      # (1 or N, n, n)
+    Gamma: np.ndarray    # (1 or N, n, p)
+    H: np.ndarray        # (1 or N, n)
+    Psi: np.ndarray      # (1 or N,)
+    m0: np.ndarray       # (n,) prior expectation of x_0
+    P0: np.ndarray       # (n, n) prior covariance of x_0
+
+
+def shaping_filter(Phi, Gamma, H, Psi=0.0, m0=None, P0=None):
+    """Shaping filter of Eqs. (1)-(2) with a scalar measurement.
+
+    Parameters
+    ----------
+    Phi, Gamma, H : (n, n), (n, p) and (n,) array, 1 <= n <= 6
+        Any of them may carry a leading time axis of N samples.
+    Psi : float or (N,) array
+        Standard deviation of the white noise, u.
+    m0, P0 : (n,) and (n, n) array, optional
+        Prior expectation and covariance of x_0, by default zero. The first sample is
+        y_1, one transition after x_0. A constant bias is no state here: every
+        hypothesis adds it by itself.
+
+    Returns
+    -------
+    ShapingFilter
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit or there are more than six states.
+
+    Examples
+    --------
+    >>> shaping_filter([[1.0]], [[0.1]], [1.0]).Phi.shape
+    (1, 1, 1)
+    """
+    Phi, Gamma, H = (np.array(m, float) for m in (Phi, Gamma, H))
+    Phi = Phi if Phi.ndim == 3 else Phi[None]
+    Gamma = Gamma if Gamma.ndim == 3 else Gamma[None]
+    H = H if H.ndim == 2 else H[None]
+    n = Phi.shape[-1]
+    m0 = np.zeros(n) if m0 is None else np.array(m0, float)
+    P0 = np.zeros((n, n)) if P0 is None else np.array(P0, float)
+    shapes = Phi.shape[1:], Gamma.shape[1:2], H.shape[1:], m0.shape, P0.shape
+    if shapes != ((n, n), (n,), (n,), (n,), (n, n)) or not 1 <= n <= 6:
+        raise ValueError(
+            f"Phi, Gamma, H, m0, P0 have shapes {', '.join(map(str, shapes))} (time apart): "
+            "a shaping filter of n states needs (n, n), (n, p), (n,), (n,), (n, n), 1 <= n <= 6")
+    return ShapingFilter(Phi, Gamma, H, np.atleast_1d(np.array(Psi, float)), m0, P0)
+
+
+def white_noise(dt, sigma_v):
+    """White noise alone, Eq. (23) without a correlated part."""
+    return shaping_filter([[0.0]], [[0.0]], [1.0], sigma_v)
+
+
+def random_walk(dt, sigma_w, sigma_v=0.0):
+    """Random walk from 0, Eq. (21); sigma_w per sample."""
+    return shaping_filter([[1.0]], [[sigma_w]], [1.0], sigma_v)
+
+
+def markov(dt, tau_m, sigma_m, sigma_v=0.0):
+    """First-order Markov process in its steady state, Eq. (22)."""
+    a = np.exp(-dt / tau_m)
+    drive = sigma_m * np.sqrt(-np.expm1(-2.0 * dt / tau_m))
+    return shaping_filter([[a]], [[drive]], [1.0], sigma_v, P0=[[sigma_m**2]])
+
+
+def random_walk_markov(dt, sigma_w, tau_m, sigma_m, sigma_v=0.0):
+    """Random walk plus first-order Markov process."""
+    m = markov(dt, tau_m, sigma_m)
+    return shaping_filter(np.diag([1.0, m.Phi[0, 0, 0]]),
+                          np.diag([sigma_w, m.Gamma[0, 0, 0]]),
+                          [1.0, 1.0], sigma_v, P0=np.diag([0.0, sigma_m**2]))
+
+
+def two_markov(dt, tau_m, sigma_m, tau_n, sigma_n, sigma_v=0.0):
+    """Two first-order Markov processes."""
+    m, n = markov(dt, tau_m, sigma_m), markov(dt, tau_n, sigma_n)
+    return shaping_filter(np.diag([m.Phi[0, 0, 0], n.Phi[0, 0, 0]]),
+                          np.diag([m.Gamma[0, 0, 0], n.Gamma[0, 0, 0]]),
+                          [1.0, 1.0], sigma_v, P0=np.diag([sigma_m**2, sigma_n**2]))
+
+
+def rate_ramp(dt, slope, sigma_w=0.0, sigma_v=0.0):
+    """Ramp of a given slope, u/s (IEEE Std 952, rate ramp), on a random walk."""
+    return shaping_filter([[1.0, dt], [0.0, 1.0]], [[sigma_w], [0.0]], [1.0, 0.0], sigma_v,
+                          m0=[0.0, slope])
+
+
+MODELS = {model.__name__: model for model in (
+    white_noise, random_walk, markov, random_walk_markov, two_markov, rate_ramp)}
+
+
+class Parameter(NamedTuple):
+    """A parameter and its prior: fixed where low == high, else uniform or log-uniform."""
+
+    symbol: str
+    low: float
+    high: float
+    log: bool = False
+
+    @property
+    def free(self):
+        return self.low < self.high
+
+    @property
+    def mean(self):
+        """Prior mean, the denominator of Eq. (20)."""
+        if self.free and self.log:
+            return (self.high - self.low) / np.log(self.high / self.low)
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def sd(self):
+        """Prior standard deviation."""
+        if self.free and self.log:
+            second = (self.high**2 - self.low**2) / (2.0 * np.log(self.high / self.low))
+            return np.sqrt(second - self.mean**2)
+        return (self.high - self.low) / np.sqrt(12.0)
+
+
+class Hypothesis(NamedTuple):
+    """A structure of the error model with the prior of its parameters, see `hypothesis`."""
+
+    name: str
+    model: Callable[..., ShapingFilter]
+    parameters: tuple
+    bias_sigma: float
+
+
+def hypothesis(model, name=None, bias_sigma=1.0, prior="uniform", **parameters):
+    """Hypothesis h_k of Eqs. (1)-(2): a shaping filter, a bias and priors.
+
+    Parameters
+    ----------
+    model : str or function
+        A name in MODELS, or a function of dt, s, and the parameters that returns a
+        `shaping_filter`. Parameters called sigma_* are standard deviations.
+    name : str, optional
+        Label in tables and legends, by default the name of the model.
+    bias_sigma : float >= 0
+        The constant bias is drawn from N(0, bias_sigma^2), u.
+    prior : "uniform" or "log"
+        Law of every parameter given as a range.
+    **parameters : float, (low, high) or Parameter
+        Known value, range of an unknown one, or range with a law of its own.
+
+    Returns
+    -------
+    Hypothesis
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown or missing, or a range is upside down or out of bounds.
+
+    Examples
+    --------
+    Case 2 of the paper, and a structure of one's own:
+
+    >>> rw = hypothesis("random_walk", sigma_w=(0.04, 0.15), sigma_v=0.5)
+    >>> def drift(dt, sigma_d):
+    ...     return shaping_filter([[1, dt], [0, 1]], [[0], [sigma_d]], [1, 0], Psi=0.1)
+    >>> hypothesis(drift, sigma_d=(1e-6, 1e-4)).name
+    'drift'
+    """
+    if isinstance(model, str):
+        if model not in MODELS:
+            raise ValueError(f"unknown hypothesis {model!r}: known are {', '.join(MODELS)}")
+        model = MODELS[model]
+    name = name or model.__name__
+    signature = list(inspect.signature(model).parameters.values())[1:]
+    known = [p.name for p in signature]
+    missing = [p.name for p in signature if p.default is p.empty and p.name not in parameters]
+    strange = [symbol for symbol in parameters if symbol not in known]
+    if missing or strange:
+        raise ValueError(f"{name} has the parameters {', '.join(known)}: " + "; ".join(
+            [f"{s} is not given" for s in missing] + [f"{s} is none of them" for s in strange]))
+    if prior not in ("uniform", "log"):
+        raise ValueError(f"prior {prior!r} of {name} is neither 'uniform' nor 'log'")
+    if not 0.0 <= _number(bias_sigma, f"bias_sigma of {name}") < np.inf:
+        raise ValueError(f"bias_sigma = {bias_sigma} of {name} is not a finite number >= 0")
+    priors = tuple(_parameter(name, s, parameters[s], prior) for s in known if s in parameters)
+    sigmas = [p for p in priors if p.symbol.startswith("sigma")]
+    if sigmas and all(p.high == 0.0 for p in sigmas):
+        raise ValueError(f"all noises of {name} are zero: give at least one sigma_* > 0")
+    return Hypothesis(name, model, priors, float(bias_sigma))
+
+
+def _number(value, what):
+    """`value` as a float, or a sentence on what it should be."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        raise ValueError(f"{what} is {value!r}: a number is needed")
+    return float(value)
+
+
+def _parameter(name, symbol, value, prior):
+    """Prior of one parameter from a number or a range."""
+    what = f"{symbol} of {name}"
+    if isinstance(value, Parameter):
+        prior, value = "log" if value.log else "uniform", value[1:3]
+    if np.ndim(value) == 0:
+        low = high = _number(value, what)
+    elif np.shape(value) == (2,):
+        low, high = (_number(v, what) for v in value)
+    else:
+        raise ValueError(f"{what} is {value!r}: give a number or a range [low, high]")
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise ValueError(f"{what} is {value!r}: both ends must be finite")
+    if low > high:
+        raise ValueError(f"range [{low:g}, {high:g}] of {what} is upside down: low <= high")
+    if symbol.startswith("sigma") and low < 0.0 or symbol.startswith("tau") and low <= 0.0:
+        raise ValueError(f"{what} starts at {low:g}: "
+                         f"it must be {'>= 0' if symbol.startswith('sigma') else '> 0'}")
+    if prior == "log" and low <= 0.0 < high - low:
+        raise ValueError(f"range [{low:g}, {high:g}] of {what} with a log prior: it must be > 0")
+    return Parameter(symbol, low, high, prior == "log")
+
+
+class Trials(NamedTuple):
+    """Simulated records with the truth behind them."""
+
+    error: np.ndarray         # (L, N), u
+    hypothesis: np.ndarray    # (L,) number of the true hypothesis, from 0
+    theta: np.ndarray         # (L, largest number of parameters), NaN where there is none
+
+
+def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
+    """Records drawn from the prior: hypothesis, parameters, bias, x_0 and noises.
+
+    Parameters
+    ----------
+    hypotheses : sequence of Hypothesis
+        Equally probable.
+    dt : float
+        Sampling interval, s.
+    samples, trials : int
+        Length N of a record and number L of records.
+    seed, first : int
+        Trial number l = first, first + 1, ... owns the stream `spawn_key=(l,)` of the
+        seed, so that any part of a set of trials can be drawn alone.
+
+    Returns
+    -------
+    Trials
+
+    Examples
+    --------
+    >>> h = hypothesis("random_walk", sigma_w=0.1, bias_sigma=0.0)
+    >>> abs(simulate([h], 1.0, 10000, seed=1).error.std() - 0.1 * 100 / 6**0.5) < 5
+    True
+    """
+    error = np.empty((trials, samples))
+    number = np.empty(trials, int)
+    theta = np.full((trials, max(len(h.parameters) for h in hypotheses)), np.nan)
+
+    def draw(row):
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(first + row,)))
+        number[row] = rng.integers(len(hypotheses))
+        h = hypotheses[number[row]]
+        for column, p in enumerate(h.parameters):
+            u = rng.random()
+            theta[row, column] = (p.low * (p.high / p.low)**u if p.log and p.free
+                                  else p.low + u * (p.high - p.low))
+        bias = h.bias_sigma * rng.standard_normal()
+        filt = _filter_at(h, dt, theta[row])
+        n, noises = filt.Gamma.shape[1:]
+        variance, axes = np.linalg.eigh(filt.P0)
+        x0 = filt.m0 + axes @ (np.sqrt(np.maximum(variance, 0.0))
+                               * rng.standard_normal(n))
+        w, v = rng.standard_normal((samples, noises)), rng.standard_normal(samples)
+        error[row] = bias + _response(filt.Phi, filt.Gamma, filt.H, filt.Psi, x0, w, v)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:    # NumPy draws without the lock
+        list(pool.map(draw, range(trials)))
+    return Trials(error, number, theta)
+
+
+def _filter_at(h, dt, theta):
+    """Shaping filter of a hypothesis at one value of its parameters."""
+    return h.model(dt, **{p.symbol: value for p, value in zip(h.parameters, theta)})
+
+
+@njit(nogil=True, **JIT)
+def _response(Phi, Gamma, H, Psi, x0, w, v):
+    """y of Eqs. (1)-(2) for given noises."""
+    y = np.empty(len(v))
+    x = x0.copy()
+    new = np.empty_like(x)
+    for i in range(len(v)):
+        phi, gamma = Phi[min(i, len(Phi) - 1)], Gamma[min(i, len(Gamma) - 1)]
+        h = H[min(i, len(H) - 1)]
+        y[i] = Psi[min(i, len(Psi) - 1)] * v[i]
+        for row in range(len(x)):
+            new[row] = 0.0
+            for column in range(len(x)):
+                new[row] += phi[row, column] * x[column]
+            for column in range(w.shape[1]):
+                new[row] += gamma[row, column] * w[i, column]
+            y[i] += h[row] * new[row]
+        x[:] = new
+    return y
+
+
+# ---- 2. Grid ------------------------------------------------------------ paper Sec. 2, Eq. (3)
+#
+# Where all noises of a hypothesis are unknown, a common factor, the scale, enters the
+# likelihood in closed form. Nodes then hold ratios to the last sigma_*. One axis less, and
+# the sharpest one: the white noise of 20 000 samples is known to 0.5 %.
+#
+# `limits` say where the prior leaves the scale of a node. Row 0 is the range of the scale
+# itself. The range of any other sigma_* cuts the grid at a slant; as the scale is sharper
+# than the grid, such an edge is a step between nodes, and its weight runs from 0 to 1 over
+# `blur`, the distance of the nodes, so that linear functions are integrated exactly.
+#
+# Nodes are spaced evenly in ln theta (in theta where a range reaches below zero).
+
+FLOOR = 1e-4    # a uniform range from 0 is gridded from FLOOR * high: 1e-4 of its mass
+
+
+class Grid(NamedTuple):
+    """Nodes theta^kj of Eq. (3) with the logarithm of their prior weights mu_0^kj."""
+
+    hypothesis: Hypothesis
+    dt: float
+    theta: np.ndarray         # (M, p) parameters at scale 1
+    exponent: np.ndarray      # (p,) 1 where the parameter is multiplied by the scale
+    coordinate: np.ndarray    # (M, d) coordinates of the nodes
+    spacing: np.ndarray       # (d,) largest distance of neighbours along each axis
+    log_prior: np.ndarray     # (M,) includes the quadrature weight
+    limits: np.ndarray        # (M, 1 + E, 3) low and high end of ln scale, blur; see below
+    power: float              # prior of ln scale: scale**power
+
+
+def _scale_parameter(h, dt):
+    """Column of the parameter that serves as the scale, or None where none can.
+
+    All noises must be free (or absent) and the filter must be linear in them.
+    """
+    sigma = [c for c, p in enumerate(h.parameters) if p.symbol.startswith("sigma")]
+    if not sigma or any(not h.parameters[c].free and h.parameters[c].high > 0 for c in sigma):
+        return None
+    once = np.array([p.mean for p in h.parameters])
+    twice = once.copy()
+    twice[sigma] *= 2.0
+    one, two = _filter_at(h, dt, once), _filter_at(h, dt, twice)
+    factors = dict(Phi=1.0, H=1.0, Gamma=2.0, Psi=2.0, P0=4.0, m0=2.0)
+    linear = all(np.allclose(getattr(two, m), factor * getattr(one, m), rtol=1e-12, atol=0.0)
+                 for m, factor in factors.items()) and not one.m0.any()
+    return [c for c in sigma if h.parameters[c].free][-1] if linear else None
+
+
+def _gregory(n):
+    """Weights of n evenly spaced ordinates: the trapezoid with third-order end corrections."""
+    weight = np.ones(n)
+    if n >= 6:
+        weight[:3] = weight[:-4:-1] = 3 / 8, 7 / 6, 23 / 24
+    elif n > 1:
+        weight[0] = weight[-1] = 0.5
+    return weight
+
+
+class Box(NamedTuple):
+    """Part of the parameter space: axis a lies low..high above slope[a, :a] @ outer axes."""
+
+    low: np.ndarray
+    high: np.ndarray
+    slope: np.ndarray
+
+
+def _axes(h, dt):
+    """Columns of the free axes, logarithmic or not, and the scale column."""
+    scale = _scale_parameter(h, dt)
+    free = [c for c, p in enumerate(h.parameters) if p.free and c != scale]
+    log = np.array([h.parameters[c].low > 0 or h.parameters[c].symbol.startswith("sigma")
+                    for c in free], bool)
+    return free, log, scale
+
+
+def prior_box(h, dt):
+    """The whole prior of a hypothesis as a `Box` in the coordinates of its grid."""
+    free, log, scale = _axes(h, dt)
+    low, high = np.empty(len(free)), np.empty(len(free))
+    for axis, column in enumerate(free):
+        p = h.parameters[column]
+        ends = np.array([(p.low or FLOOR * p.high) if log[axis] else p.low, p.high])
+        if scale is not None and p.symbol.startswith("sigma"):
+            s = h.parameters[scale]
+            ends = ends / (s.high, (s.low or FLOOR * s.high))
+        low[axis], high[axis] = np.log(ends) if log[axis] else ends
+    return Box(low, high, np.zeros((len(free), len(free))))
+
+
+def grid(h, dt, nodes, box=None):
+    """Grid over the prior of a hypothesis, or over a box inside it.
+
+    Parameters
+    ----------
+    h : Hypothesis
+    dt : float
+        Sampling interval, s.
+    nodes : int or (d,) sequence of int
+        Nodes along each axis. There are d axes: the unknown parameters less the scale.
+    box : Box, optional
+        Part of the prior to be covered; a sheared box follows a ridge.
+
+    Returns
+    -------
+    Grid
+
+    Examples
+    --------
+    Random walk with unknown white noise: one axis, sigma_w / sigma_v.
+
+    >>> g = grid(hypothesis("random_walk", sigma_w=(0.04, 0.15), sigma_v=(0.25, 1)), 1.0, 33)
+    >>> g.coordinate.shape[1], float(np.exp(g.coordinate).max().round(3))
+    (1, 0.548)
+    """
+    free, log, scale = _axes(h, dt)
+    prior = prior_box(h, dt)
+    box = prior if box is None else box
+    nodes = np.broadcast_to(nodes, len(free))
+    z, log_prior, step = np.zeros((1, 0)), np.zeros(1), np.zeros((1, 0))
+    for axis, n in enumerate(nodes):
+        shift = z @ box.slope[axis, :axis]
+        low = np.maximum(prior.low[axis], shift + box.low[axis])
+        high = np.minimum(prior.high[axis], shift + box.high[axis])
+        keep = high > low
+        width = (high - low)[keep, None] / max(n - 1, 1)
+        new = low[keep, None] + width * (np.arange(n) if n > 1 else 0.5)
+        log_prior = (log_prior[keep, None] + np.log(width * _gregory(n))).ravel()
+        z = np.column_stack([np.repeat(z[keep], n, axis=0), new.ravel()])
+        step = np.repeat(np.column_stack([step[keep], width]), n, axis=0)
+
+    theta = np.array([p.high for p in h.parameters]) * np.ones((len(z), 1))
+    theta[:, free] = np.where(log, np.exp(z * log), z)
+    exponent, power = np.zeros(len(h.parameters)), 0.0
+    limits = np.zeros((len(z), 1, 3))
+    for axis, column in enumerate(free):
+        p = h.parameters[column]
+        log_prior += (-np.log(np.log(p.high / p.low)) if p.log else
+                      log[axis] * z[:, axis] - np.log(p.high - p.low))
+    if scale is not None:
+        theta[:, scale] = 1.0
+        s = h.parameters[scale]
+        log_prior -= np.log(np.log(s.high / s.low) if s.log else s.high - s.low)
+        sigma = [c for c, p in enumerate(h.parameters) if p.symbol.startswith("sigma") and p.free]
+        exponent[sigma] = 1.0
+        power = sum(not h.parameters[c].log for c in sigma)
+        limits = np.zeros((len(z), len(sigma), 3))
+        for row, column in enumerate([scale] + [c for c in sigma if c != scale]):
+            p = h.parameters[column]
+            ratio = np.log(theta[:, column])
+            limits[:, row, 0] = np.log((p.low or FLOOR * p.high)) - ratio
+            limits[:, row, 1] = np.log(p.high) - ratio
+            limits[:, row, 2] = step[:, free.index(column)] if row else 0.0
+    low = (limits[..., 0] - limits[..., 2]).max(1)
+    high = (limits[..., 1] + limits[..., 2]).min(1)
+    keep = (low < high) | (scale is None)
+    return Grid(h, dt, theta[keep], exponent, z[keep], step.max(0, initial=0.0),
+                log_prior[keep], limits[keep], float(power))
+
+
+def uniform_grid(h, dt, nodes):
+    """The plain grid of the paper: evenly spaced in theta, equal weights, no scale.
+
+    Takes and returns what `grid` does; nothing is integrated in closed form.
+    """
+    free = [c for c, p in enumerate(h.parameters) if p.free]
+    axes = [np.linspace(h.parameters[c].low, h.parameters[c].high, nodes) for c in free]
+    z = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(free))
+    theta = np.array([p.high for p in h.parameters]) * np.ones((len(z), 1))
+    theta[:, free] = z
+    spacing = np.array([axis[1] - axis[0] for axis in axes])
+    return Grid(h, dt, theta, np.zeros(theta.shape[1]), z, spacing,
+                np.full(len(z), -np.log(len(z))), np.zeros((len(z), 1, 3)), 0.0)
+
+
+# ---- 3. Filter bank ------------------------------------------- paper Sec. 2, Eqs. (4)-(9)
+#
+# The second state of Eqs. (21)-(22), the bias, is kept apart (B. Friedland, "Treatment of
+# bias in recursive filtering", IEEE Trans. Autom. Control 14, 1969): a filter without bias
+# runs on the data, the same filter runs on ones, and four sums hold the exact likelihood
+# of the two-state filter for every prior of the bias and every scale of the noises:
+#
+#     chi2 = sum nu^2/f,   score = sum nu mu/f,   information = sum mu^2/f,   log_det = sum ln f.
+#
+# Gains and f never see the data. They run once per node and serve all trials.
+
+LANES = 32     # trials that march abreast
+GROUP = 32     # nodes that march abreast
+TILE = 128     # samples; a TILE x LANES tile of data (32 KiB) stays in the L1 cache
+
+
+class Sums(NamedTuple):
+    """What a bank of M nodes knows of C records after `count` observed samples."""
+
+    count: int
+    chi2: np.ndarray           # (C, M)
+    score: np.ndarray          # (C, M)
+    information: np.ndarray    # (M,)
+    log_det: np.ndarray        # (M,)
+
+
+@njit(**JIT)
+def _gains(observed, node, memory, ak, w, c):
+    """Gain a k, weights 1/f and mu/f of every step, Eqs. (5), (6), (8), for GROUP nodes.
+
+    node (4, GROUP) rows a, q, r, unused; memory (4, GROUP) rows p, e, information, log_det.
+    """
+    n = len(observed)
+    product = np.ones(GROUP)    # of eight f's: a logarithm costs more than all the rest
+    for i in range(n):
+        o = observed[i]         # 0 where the sample is missing: predict only
+        for g in range(GROUP):
+            a, q, r = node[0, g], node[1, g], node[2, g]
+            p, e = memory[0, g], memory[1, g]
+            f = p + r
+            mu = 1.0 - e
+            k = a * p * o / f
+            w[i, g] = o / f
+            c[i, g] = mu * o / f
+            ak[i, g] = k
+            memory[0, g] = a * (a - k) * p + q
+            memory[1, g] = a * e + k * mu
+            memory[2, g] += mu * mu * o / f
+            product[g] *= o * f + (1.0 - o)
+        if i % 8 == 7 or i == n - 1:
+            for g in range(GROUP):
+                memory[3, g] += np.log(product[g])
+                product[g] = 1.0
+
+
+@njit(**JIT)
+def _trials_abreast(y, a, ak, w, c, g, state):
+    """Eqs. (4), (7) and the sums of node g of a group for LANES trials.
+
+    y (n * LANES,) is a tile of data; `state` holds the predicted states, chi2 and scores
+    one after another. Four samples a pass keep its loads and stores from becoming the
+    bottleneck.
+    """
+    n = len(y) // LANES
+    for i in range(0, n - n % 4, 4):
+        k0, k1, k2, k3 = ak[i, g], ak[i + 1, g], ak[i + 2, g], ak[i + 3, g]
+        w0, w1, w2, w3 = w[i, g], w[i + 1, g], w[i + 2, g], w[i + 3, g]
+        c0, c1, c2, c3 = c[i, g], c[i + 1, g], c[i + 2, g], c[i + 3, g]
+        at = i * LANES
+        for t in range(LANES):
+            x = state[t]
+            nu0 = y[at + t] - x
+            x = a * x + k0 * nu0
+            nu1 = y[at + t + LANES] - x
+            x = a * x + k1 * nu1
+            nu2 = y[at + t + 2 * LANES] - x
+            x = a * x + k2 * nu2
+            nu3 = y[at + t + 3 * LANES] - x
+            state[t] = a * x + k3 * nu3
+            state[t + LANES] += nu0 * w0 * nu0 + nu1 * w1 * nu1 + nu2 * w2 * nu2 + nu3 * w3 * nu3
+            state[t + 2 * LANES] += c0 * nu0 + c1 * nu1 + c2 * nu2 + c3 * nu3
+    for i in range(n - n % 4, n):
+        for t in range(LANES):
+            nu = y[i * LANES + t] - state[t]
+            state[t] = a * state[t] + ak[i, g] * nu
+            state[t + LANES] += nu * w[i, g] * nu
+            state[t + 2 * LANES] += nu * c[i, g]
+
+
+@njit(parallel=True, **JIT)
+def _advance_trials(y, observed, node, memory, state):
+    """Move a one-state bank on by one stretch of data, trials abreast.
+
+    y (blocks, n * LANES) sample-major within a block; node, memory (groups, 4, GROUP) as in
+    `_gains`; state (groups, GROUP, blocks, 3 * LANES).
+    """
+    n = len(observed)
+    for group in prange(len(node)):
+        ak, w, c = np.empty((TILE, GROUP)), np.empty((TILE, GROUP)), np.empty((TILE, GROUP))
+        for first in range(0, n, TILE):
+            last = min(first + TILE, n)
+            _gains(observed[first:last], node[group], memory[group], ak, w, c)
+            for block in range(len(y)):
+                tile = y[block, first * LANES:last * LANES]
+                for g in range(GROUP):
+                    _trials_abreast(tile, node[group, 0, g], ak, w, c, g, state[group, g, block])
+
+
+@njit(**JIT)
+def _nodes_abreast(y, node, ak, w, c, state):
+    """Eqs. (4), (7) and the sums of GROUP nodes for one record; `state` as for the trials."""
+    for i in range(len(y)):
+        for g in range(GROUP):
+            nu = y[i] - state[g]
+            state[g] = node[0, g] * state[g] + ak[i, g] * nu
+            state[g + GROUP] += nu * w[i, g] * nu
+            state[g + 2 * GROUP] += nu * c[i, g]
+
+
+@njit(**JIT)
+def _steady_abreast(y, a, ak, state):
+    """`_nodes_abreast` once the gain is constant, with sums of nu^2 and nu unweighted."""
+    n = len(y)
+    for i in range(0, n - n % 4, 4):
+        y0, y1, y2, y3 = y[i], y[i + 1], y[i + 2], y[i + 3]
+        for g in range(GROUP):
+            x = state[g]
+            nu0 = y0 - x
+            x = a[g] * x + ak[g] * nu0
+            nu1 = y1 - x
+            x = a[g] * x + ak[g] * nu1
+            nu2 = y2 - x
+            x = a[g] * x + ak[g] * nu2
+            nu3 = y3 - x
+            state[g] = a[g] * x + ak[g] * nu3
+            state[g + GROUP] += nu0 * nu0 + nu1 * nu1 + nu2 * nu2 + nu3 * nu3
+            state[g + 2 * GROUP] += nu0 + nu1 + nu2 + nu3
+    for i in range(n - n % 4, n):
+        for g in range(GROUP):
+            nu = y[i] - state[g]
+            state[g] = a[g] * state[g] + ak[g] * nu
+            state[g + GROUP] += nu * nu
+            state[g + 2 * GROUP] += nu
+
+
+@njit(parallel=True, **JIT)
+def _advance_record(y, observed, last_gap, node, memory, state):
+    """Move a one-state bank on by one stretch of one record, nodes abreast.
+
+    Once p and mu no longer change, f, gain and mu are constants of the node: only the
+    innovation is left of the recursion. y (n,); node, memory (groups, 4, GROUP); state
+    (groups, 3 * GROUP).
+    """
+    n = len(observed)
+    for group in prange(len(node)):
+        ak, w, c = np.empty((TILE, GROUP)), np.empty((TILE, GROUP)), np.empty((TILE, GROUP))
+        own, past = memory[group], np.empty((4, GROUP))
+        first, drift = 0, 1.0
+        while first < n and (drift > 1e-15 or first <= last_gap):
+            last = min(first + TILE, n)
+            past[:] = own
+            _gains(observed[first:last], node[group], own, ak, w, c)
+            _nodes_abreast(y[first:last], node[group], ak, w, c, state[group])
+            first, drift = last, 0.0
+            for g in range(GROUP):
+                drift = max(drift, abs(own[1, g] - past[1, g]),
+                            abs(own[0, g] - past[0, g]) / (own[0, g] + node[group, 2, g]))
+        if first < n:
+            f, mu = own[0] + node[group, 2], 1.0 - own[1]
+            sums = state[group].copy()
+            sums[GROUP:] = 0.0
+            _steady_abreast(y[first:], node[group, 0], node[group, 0] * own[0] / f, sums)
+            state[group, :GROUP] = sums[:GROUP]
+            state[group, GROUP:2 * GROUP] += sums[GROUP:2 * GROUP] / f
+            state[group, 2 * GROUP:] += sums[2 * GROUP:] * mu / f
+            own[2] += (n - first) * mu * mu / f
+            own[3] += (n - first) * np.log(f)
+
+
+@njit(parallel=True, **JIT)
+def _advance_general(y, observed, last_gap, first, Phi, Q, H, r, x, P, sums):
+    """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), n <= 6.
+
+    y (C + 1, n_samples) whose last row is ones; Phi, Q (M, 1 or N, n, n), H (M, 1 or N, n),
+    r (M, 1 or N); filtered state x (M, C + 1, n) and covariance P (M, n, n); sums
+    (M, C + 1, 2) of nu^2/f and nu mu/f, the last row information and log_det.
+    """
+    columns, samples = y.shape
+    n = x.shape[2]
+    timeless = Phi.shape[1] == Q.shape[1] == H.shape[1] == r.shape[1] == 1
+    for node in prange(len(x)):
+        prior, Ph, gain = np.empty((n, n)), np.empty(n), np.empty(n)
+        new, f, steady = np.empty(n), 1.0, False
+        for i in range(samples):
+            phi = Phi[node, min(first + i, Phi.shape[1] - 1)]
+            noise = Q[node, min(first + i, Q.shape[1] - 1)]
+            h = H[node, min(first + i, H.shape[1] - 1)]
+            if not steady:
+                for row in range(n):
+                    for column in range(n):
+                        prior[row, column] = 0.0
+                        for s in range(n):
+                            prior[row, column] += phi[row, s] * P[node, s, column]
+                f = r[node, min(first + i, r.shape[1] - 1)]
+                for row in range(n):
+                    for column in range(n):
+                        new[column] = noise[row, column]
+                        for s in range(n):
+                            new[column] += prior[row, s] * phi[column, s]
+                    for column in range(n):
+                        prior[row, column] = new[column]
+                for row in range(n):
+                    Ph[row] = 0.0
+                    for column in range(n):
+                        Ph[row] += prior[row, column] * h[column]
+                    f += h[row] * Ph[row]
+                for row in range(n):
+                    gain[row] = Ph[row] / f * observed[i]
+                steady = timeless and i > last_gap
+                for row in range(n):
+                    for column in range(n):
+                        update = prior[row, column] - gain[row] * Ph[column]
+                        steady &= abs(update - P[node, row, column]) <= 1e-15 * abs(update)
+                        P[node, row, column] = update
+            mu = 0.0
+            for record in range(columns - 1, -1, -1):    # the ones first: they give mu
+                nu = y[record, i]
+                for row in range(n):
+                    new[row] = 0.0
+                    for column in range(n):
+                        new[row] += phi[row, column] * x[node, record, column]
+                    nu -= h[row] * new[row]
+                for row in range(n):
+                    x[node, record, row] = new[row] + gain[row] * nu
+                if record == columns - 1:
+                    mu = nu
+                    sums[node, record, 0] += observed[i] * mu * mu / f
+                    sums[node, record, 1] += observed[i] * np.log(f)
+                else:
+                    sums[node, record, 0] += observed[i] * nu * nu / f
+                    sums[node, record, 1] += observed[i] * nu * mu / f
+
+
+class Bank(NamedTuple):
+    """Matrices of all nodes of a grid, stacked for the kernels."""
+
+    Phi: np.ndarray    # (M, 1 or N, n, n)
+    Q: np.ndarray      # (M, 1 or N, n, n) = Gamma Gamma'
+    H: np.ndarray      # (M, 1 or N, n)
+    r: np.ndarray      # (M, 1 or N) = Psi^2
+    m0: np.ndarray     # (M, n)
+    P0: np.ndarray     # (M, n, n)
+
+
+def bank(h, dt, theta):
+    """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
+    filters = [_filter_at(h, dt, row) for row in theta]
+    Phi, Gamma, H, Psi, m0, P0 = (np.stack(part) for part in zip(*filters))
+    return Bank(Phi, Gamma @ np.swapaxes(Gamma, -1, -2), H, Psi**2, m0, P0)
+
+
+def _is_scalar(b):
+    """Does the one-state kernel apply?"""
+    timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == b.r.shape[1] == 1
+    return b.Phi.shape[2] == 1 and timeless and np.all(b.H == 1.0) and not b.m0.any()
+
+
+def filter_bank(b, y, stops):
+    """Sums of a bank over records, at each of the given numbers of samples.
+
+    Parameters
+    ----------
+    b : Bank
+    y : (C, N) array
+        Records, u. NaN marks a missing sample, the same in all of them.
+    stops : increasing sequence of int, 1 <= stop <= N
+
+    Yields
+    ------
+    Sums
+        One per stop, in order. Log-likelihoods of every node follow from it, Eq. (9),
+        by `log_likelihood`.
+
+    Raises
+    ------
+    ValueError
+        If samples are missing in some records only, or a stop lies outside the record.
+
+    Examples
+    --------
+    Two samples of white noise of variance 4, without bias:
+
+    >>> b = bank(hypothesis("white_noise", sigma_v=2.0), 1.0, np.array([[2.0]]))
+    >>> next(filter_bank(b, np.array([[2.0, -4.0]]), [2])).chi2
+    array([[5.]])
+    """
+    y = np.asarray(y, float)
+    gap = np.isnan(y)
+    if (gap != gap[0]).any():
+        raise ValueError("samples are missing in some records only: filter these apart")
+    if np.any(np.diff(stops) <= 0) or not 1 <= stops[0] <= stops[-1] <= y.shape[1]:
+        raise ValueError(f"stops {list(stops)} do not increase within 1..{y.shape[1]}")
+    return _sums(b, np.where(gap, 0.0, y), 1.0 - gap[0], stops)
+
+
+def _sums(b, y, observed, stops):
+    """The loop of `filter_bank`: choose a kernel and advance from stop to stop."""
+    stretches = [(begin, end, np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1))
+                 for begin, end in zip([0, *stops[:-1]], stops)]
+    run = (_sums_general if not _is_scalar(b) else _sums_record if len(y) == 1 else _sums_trials)
+    for end, sums in zip(stops, run(b, y, observed, stretches)):
+        yield Sums(int(observed[:end].sum()), *sums)
+
+
+def _sums_general(b, y, observed, stretches):
+    records, nodes, n = len(y), *b.m0.shape
+    y = np.vstack([y, np.ones(y.shape[1])])
+    x, P, sums = np.zeros((nodes, records + 1, n)), b.P0.copy(), np.zeros((nodes, records + 1, 2))
+    x[:, :-1] = b.m0[:, None]
+    for begin, end, last_gap in stretches:
+        _advance_general(np.ascontiguousarray(y[:, begin:end]), observed[begin:end], last_gap, begin,
+                         b.Phi, b.Q, b.H, b.r, x, P, sums)
+        yield sums[:, :-1, 0].T, sums[:, :-1, 1].T, sums[:, -1, 0], sums[:, -1, 1]
+
+
+def _scalar_nodes(b):
+    """node and memory of the one-state kernels, padded to whole groups."""
+    a, q, r, p0 = (np.pad(part.ravel(), (0, -part.size % GROUP), mode="edge").reshape(-1, GROUP)
+                   for part in (b.Phi, b.Q, b.r, b.P0))
+    zero = np.zeros_like(a)
+    return np.stack([a, q, r, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero], 1)
+
+
+def _sums_record(b, y, observed, stretches):
+    node, memory = _scalar_nodes(b)
+    state = np.zeros((len(node), 3, GROUP))
+    for begin, end, last_gap in stretches:
+        _advance_record(y[0, begin:end], observed[begin:end], last_gap,
+                        node, memory, state.reshape(len(node), -1))
+        yield (*(part.reshape(1, -1)[:, :len(b.r)] for part in (state[:, 1], state[:, 2])),
+               *(part.ravel()[:len(b.r)] for part in (memory[:, 2], memory[:, 3])))
+
+
+def _sums_trials(b, y, observed, stretches):
+    node, memory = _scalar_nodes(b)
+    records, blocks = len(y), -(-len(y) // LANES)
+    y = np.pad(y, ((0, -records % LANES), (0, 0))).reshape(blocks, LANES, -1)
+    y = np.ascontiguousarray(y.swapaxes(1, 2))    # the lanes of a sample lie side by side
+    state = np.zeros((len(node), GROUP, blocks, 3, LANES))
+    for begin, end, _ in stretches:
+        stretch = np.ascontiguousarray(y[:, begin:end]).reshape(blocks, -1)
+        _advance_trials(stretch, observed[begin:end],
+                        node, memory, state.reshape(len(node), GROUP, blocks, -1))
+        yield (*(state[:, :, :, part].reshape(-1, blocks * LANES)[:len(b.r), :records].T
+                 for part in (1, 2)),
+               *(part.ravel()[:len(b.r)] for part in (memory[:, 2], memory[:, 3])))
+
+
+# ---- 4. Posterior ---------------------------------------- paper Sec. 2, Eqs. (3), (10)-(14)
+
+ABSCISSAE, WEIGHTS = np.polynomial.legendre.leggauss(16)
+GAMMA = 0.8         # threshold of the decision, the paper's value
+TAIL = 14.0         # nats below the mode at which a posterior is cut off: 1e-7 of it
+NODES_PER_SD = 1.5  # along every axis; what the prior's edges need, a Gaussian needs 0.7
+
+
+@njit(**JIT)
+def log_likelihood(s2, count, chi2, score, information, log_det, bias):
+    """ln f(Y / theta, scale) of Eq. (9) from the sums of a node at s2 = scale^2.
+
+    The integral over the bias, N(mean, variance), of the Gaussian whose -2 ln is
+    (chi2 - 2 score b + information b^2) / s2, up to constants. All arguments broadcast.
+    """
+    mean, variance = bias
+    spread = variance * information + s2
+    away = score - mean * information
+    chi2 = chi2 - mean * (2.0 * score - mean * information) - variance * away * away / spread
+    return -0.5 * (count * LOG_2PI + (count - 1) * np.log(s2) + np.log(spread)
+                   + log_det + chi2 / s2)
+
+
+@njit(**JIT)
+def _scale_window(count, chi2, score, information, bias, low, high):
+    """Mode of ln scale within low..high, its exp(2 mode), and the half-width that counts.
+
+    The log posterior of u = ln scale is -count u - D exp(-2u) / 2, less half a nat for the
+    bias; D hardly depends on u, so that four fixed-point steps find the mode.
+    """
+    mean, variance = bias
+    away = score - mean * information
+    raw = chi2 - mean * (2.0 * score - mean * information)
+    least, most = np.exp(2.0 * low), np.exp(2.0 * high)
+    s2 = np.sqrt(least * most)
+    for _ in range(4):
+        spread = variance * information + s2
+        known = count - variance * information / spread
+        D = max(raw - variance * away * away / spread, 0.0)
+        s2 = min(most, max(least, D / known)) if known > 0.0 else most
+    curvature = 2.0 * D / s2
+    slope = abs(0.5 * curvature - known)
+    width = 2.0 * TAIL / (slope + np.sqrt(slope * slope + 2.0 * TAIL * curvature) + 1e-300)
+    # few samples leave a slow upper tail
+    return 0.5 * np.log(s2), s2, max(width, TAIL / max(known, 1e-3))
+
+
+@njit(**JIT)
+def _ramp(x):
+    """Share of a node x spacings inside an edge: the integral of the linear interpolant."""
+    if x < 0.0:
+        return 0.5 * max(1.0 + x, 0.0)**2
+    return 1.0 - 0.5 * max(1.0 - x, 0.0)**2
+
+
+@njit(**JIT)
+def _node_mass(count, chi2, score, node, limits, power, bias):
+    """Mass of every node for one record: log of it and mean and square of the scale.
+
+    node (M, 3) columns information, log_det, log_prior; limits as in `Grid`. The scale is
+    integrated by Gauss-Legendre over the part of its range that holds the posterior; nodes
+    TAIL + 10 nats below the best are dropped.
+    """
+    M, edges = limits.shape[:2]
+    mass, first, second = np.empty(M), np.ones(M), np.ones(M)
+    low, high, mode, peak = np.zeros(M), np.zeros(M), np.zeros(M), np.empty(M)
+    for j in range(M):
+        information, log_det, log_prior = node[j]
+        low[j] = np.max(limits[j, :, 0] - limits[j, :, 2])
+        high[j] = np.min(limits[j, :, 1] + limits[j, :, 2])
+        width, s2 = 0.5, 1.0
+        if low[j] < high[j]:
+            mode[j], s2, width = _scale_window(count - power, chi2[j], score[j], information,
+                                               bias, low[j], high[j])
+            low[j], high[j] = max(low[j], mode[j] - width), min(high[j], mode[j] + width)
+            width = 0.5 * (high[j] - low[j])
+        peak[j] = power * mode[j] + log_likelihood(
+            s2, count, chi2[j], score[j], information, log_det, bias)
+        mass[j] = log_prior + peak[j] + np.log(2.0 * width)    # a bound, if the scale is free
+    best = np.max(mass)
+    for j in range(M):
+        information, log_det, log_prior = node[j]
+        if not mass[j] > best - TAIL - 10.0:
+            mass[j] = -np.inf
+        elif low[j] < high[j]:
+            total = mean = square = 0.0
+            for point in range(len(ABSCISSAE)):
+                u = low[j] + 0.5 * (high[j] - low[j]) * (1.0 + ABSCISSAE[point])
+                s2 = np.exp(2.0 * u)
+                g = WEIGHTS[point] * np.exp(power * u - peak[j] + log_likelihood(
+                    s2, count, chi2[j], score[j], information, log_det, bias))
+                for edge in range(1, edges):
+                    begin, end, blur = limits[j, edge]
+                    g *= _ramp((u - begin) / blur) * _ramp((end - u) / blur)
+                total += g
+                mean += g * np.sqrt(s2)
+                square += g * s2
+            mass[j] = log_prior + peak[j] + np.log(0.5 * (high[j] - low[j]) * total)
+            if total > 0.0:
+                first[j], second[j] = mean / total, square / total
+    return mass, first, second
+
+
+@njit(**JIT)
+def _moments(mass, first, second, feature, exponent):
+    """Log of the total mass; mean and covariance of the features, Eqs. (13), (14).
+
+    feature (M, F) at scale 1, to be multiplied by scale**exponent (0 or 1).
+    """
+    M, F = feature.shape
+    best = np.max(mass)
+    total, mean, cov = 0.0, np.zeros(F), np.zeros((F, F))
+    for j in range(M):
+        if mass[j] > -np.inf:
+            weight = np.exp(mass[j] - best)
+            total += weight
+            for row in range(F):
+                mean[row] += weight * feature[j, row] * (
+                    first[j] if exponent[row] else 1.0)
+    mean /= total
+    for j in range(M):
+        if mass[j] > -np.inf:
+            weight = np.exp(mass[j] - best) / total
+            spread = second[j] - first[j] * first[j]
+            for row in range(F):
+                high = feature[j, row] * (first[j] if exponent[row] else 1.0) - mean[row]
+                for column in range(row + 1):
+                    wide = (feature[j, column] * (first[j] if exponent[column] else 1.0)
+                            - mean[column])
+                    both = (feature[j, row] * feature[j, column] * spread
+                            if exponent[row] and exponent[column] else 0.0)
+                    cov[row, column] += weight * (high * wide + both)
+    for row in range(F):
+        for column in range(row):
+            cov[column, row] = cov[row, column]
+    return best + np.log(total), mean, cov
+
+
+@njit(parallel=True, **JIT)
+def _posteriors(count, chi2, score, node, limits, power, bias, feature, exponent):
+    """Log evidence (C,), means (C, F) and covariances (C, F, F) of C records."""
+    C, F = len(chi2), len(exponent)
+    log_evidence, mean, cov = np.empty(C), np.empty((C, F)), np.empty((C, F, F))
+    for record in prange(C):
+        mass, first, second = _node_mass(count, chi2[record].copy(), score[record].copy(),
+                                         node, limits, power, bias)
+        log_evidence[record], mean[record], cov[record] = _moments(
+            mass, first, second, feature, exponent)
+    return log_evidence, mean, cov
+
+
+def _node_columns(g, sums):
+    """The columns of `node` in `_node_mass`."""
+    return np.column_stack([sums.information, sums.log_det, g.log_prior])
+
+
+def _features(g):
+    """Parameters and coordinates side by side, with their exponents."""
+    return (np.column_stack([g.theta, g.coordinate]),
+            np.append(g.exponent, np.zeros(g.coordinate.shape[1])))
+
+
+def _nodes_per_sd(g, cov):
+    """Nodes per posterior standard deviation along every axis, the outer ones held fixed.
+
+    That is what an iterated quadrature has to resolve. 0 where one node holds all the mass.
+    """
+    cov = cov[g.theta.shape[1]:, g.theta.shape[1]:]
+    sd = np.sqrt(np.diagonal(cov))
+    if not (sd > 0.0).all():
+        return np.zeros(len(sd))
+    try:
+        return sd * np.diagonal(np.linalg.cholesky(cov / np.outer(sd, sd))) / g.spacing
+    except np.linalg.LinAlgError:    # all the mass lies on one line of nodes
+        return np.zeros(len(sd))
+
+
+class Estimate(NamedTuple):
+    """What a record says of one hypothesis: the point masses of Eq. (3) and their moments."""
+
+    hypothesis: Hypothesis
+    log_evidence: float          # ln f(Y / h_k)
+    mean: np.ndarray             # (p,) Eq. (13)
+    covariance: np.ndarray       # (p, p) Eq. (14)
+    theta: np.ndarray            # (M, p) point masses
+    weight: np.ndarray           # (M,) mu^kj, sum to 1
+    nodes_per_sd: np.ndarray     # (d,) along each axis of the last grid
+
+
+class Posterior(NamedTuple):
+    """Answer of `identify`."""
+
+    dt: float
+    samples: int
+    probability: np.ndarray    # (K,) Eq. (10), equal prior probabilities
+    estimates: tuple           # K of Estimate
+
+
+class _View(NamedTuple):
+    """What a grid shows of a posterior."""
+
+    box: Box           # holds it, or the tempered one
+    tempered: bool     # the grid is too coarse to show the posterior itself
+    cut: bool          # there is mass at an edge of the grid that the prior does not have
+
+
+def _look(g, mass, box):
+    """Where the posterior is, from its masses on a grid over `box`.
+
+    A coarse grid sees nothing but its best node. The posterior is therefore raised to the
+    largest power beta <= 1 that still spreads over about one node per standard deviation;
+    what that broader law excludes is excluded. Where a box cut mass off, it grows by half.
+    """
+    z, d = g.coordinate, g.coordinate.shape[1]
+    mass = mass - mass.max()
+
+    def spread(beta):    # effective number of nodes; (2 sqrt(pi))**d at one node per sd
+        w = np.exp(beta * mass)
+        return w.sum()**2 / (w @ w)
+
+    enough, low, beta = 3.5**d, 0.0, 1.0
+    if spread(1.0) < enough:
+        for _ in range(50):
+            middle = 0.5 * (low + beta)
+            low, beta = (middle, beta) if spread(middle) > enough else (low, middle)
+    w = np.exp(beta * mass)
+    cov = np.atleast_2d(np.cov(z.T, aweights=w, ddof=0))
+    slope = np.zeros((d, d))
+    for axis in range(1, d):
+        slope[axis, :axis] = np.linalg.pinv(cov[:axis, :axis]) @ cov[:axis, axis]
+    kept = beta * mass > -TAIL * beta - 4.0
+    above = (z - z @ slope.T)[kept]
+
+    prior = prior_box(g.hypothesis, g.dt)
+    at = (z - z @ box.slope.T)[kept]
+    cut_low = ((at < box.low + 0.5 * g.spacing) & (z[kept] > prior.low + 1e-9)).any(0)
+    cut_high = ((at > box.high - 0.5 * g.spacing) & (z[kept] < prior.high - 1e-9)).any(0)
+    growth = 0.5 * (box.high - box.low)
+    return _View(Box(above.min(0) - np.where(cut_low, growth, g.spacing),
+                     above.max(0) + np.where(cut_high, growth, g.spacing), slope),
+                 beta < 1.0, bool((cut_low | cut_high).any()))
+
+
+def resolve(h, dt, y, max_nodes=60000):
+    """Grid that resolves the posterior of one hypothesis, found by zooming in on it.
+
+    Parameters
+    ----------
+    h : Hypothesis
+    dt : float
+        Sampling interval, s.
+    y : (N,) array
+        Record, u; NaN marks a missing sample.
+    max_nodes : int
+        Largest grid tried.
+
+    Returns
+    -------
+    Estimate
+        Its `nodes_per_sd` is below NODES_PER_SD only if max_nodes did not suffice.
+    """
+    offset = np.nanmean(y)      # leaves the sums of a large bias their digits
+    bias = -offset, h.bias_sigma**2
+    record = (y - offset)[None]
+    d = len(prior_box(h, dt).low)
+    nodes = [1, 24, 16, 12, 10, 8, 6][min(d, 6)]
+    box = prior_box(h, dt)
+    while True:
+        g = grid(h, dt, nodes, box)
+        sums = next(filter_bank(bank(h, dt, g.theta), record, [len(y)]))
+        mass, first, second = _node_mass(sums.count, sums.chi2[0].copy(), sums.score[0].copy(),
+                                         _node_columns(g, sums), g.limits, g.power, bias)
+        log_evidence, mean, cov = _moments(mass, first, second, *_features(g))
+        nodes_per_sd = _nodes_per_sd(g, cov)
+        resolved = bool((nodes_per_sd >= NODES_PER_SD).all())
+        if d == 0:
+            break
+        view = _look(g, mass, box)
+        if resolved and not view.tempered and not view.cut:
+            break
+        shrunk = np.prod((view.box.high - view.box.low) / (box.high - box.low))
+        if shrunk > 0.8 and not view.cut:
+            nodes = int(np.ceil(1.4 * nodes))
+            if nodes**d > max_nodes:
+                break
+        box = view.box
+    p = len(h.parameters)
+    theta, weight = _point_masses(g, mass, first, second)
+    return Estimate(h, log_evidence, mean[:p], cov[:p, :p], theta, weight, nodes_per_sd)
+
+
+def _point_masses(g, mass, first, second):
+    """Point masses of Eq. (3): three per node where the scale was integrated (Gauss-Hermite)."""
+    weight = np.exp(mass - mass.max())
+    keep = weight > 1e-12 * weight.sum()
+    weight, first = weight[keep], first[keep]
+    sd = np.sqrt(np.maximum(second[keep] - first**2, 0.0))
+    points = [(1.0, 0.0)] if not g.exponent.any() else [
+        (2 / 3, 0.0), (1 / 6, 3**0.5), (1 / 6, -3**0.5)]
+    theta = [g.theta[keep] * np.where(g.exponent, (first + at * sd)[:, None], 1.0)
+             for _, at in points]
+    weight = np.concatenate([share * weight for share, _ in points])
+    return np.concatenate(theta), weight / weight.sum()
+
+
+def identify(y, dt, hypotheses):
+    """Posterior of the error model of one record, Eqs. (3)-(14).
+
+    Parameters
+    ----------
+    y : (N,) array
+        Sensor error, u, evenly sampled; NaN marks a missing sample.
+    dt : float
+        Sampling interval, s.
+    hypotheses : sequence of Hypothesis
+        The K structures in question.
+
+    Returns
+    -------
+    Posterior
+
+    Raises
+    ------
+    ValueError
+        If the record is too short, constant or not finite.
+
+    Examples
+    --------
+    >>> h = [hypothesis("random_walk", sigma_w=(0.04, 0.15), sigma_v=0.5),
+    ...      hypothesis("markov", tau_m=(60, 1500), sigma_m=(0.5, 1.5), sigma_v=0.5)]
+    >>> answer = identify(simulate(h[:1], 1.0, 4000, seed=3).error[0], 1.0, h)
+    >>> answer.estimates[decide(answer)].hypothesis.name
+    'random_walk'
+    """
+    y = np.asarray(y, float)
+    _check_record(y, dt)
+    estimates = tuple(resolve(h, dt, y) for h in hypotheses)
+    return Posterior(dt, len(y), probabilities([e.log_evidence for e in estimates]), estimates)
+
+
+MIN_SAMPLES = 16    # fewer say nothing of any correlated process
+
+
+def _check_record(y, dt):
+    """Refuse what no model can be identified from."""
+    if not (np.ndim(dt) == 0 and np.isfinite(dt) and dt > 0):
+        raise ValueError(f"the sampling interval is {dt} s: it must be a number > 0")
+    if y.ndim != 1:
+        raise ValueError(f"the record has shape {y.shape}: one axis of one sensor is needed")
+    if np.isinf(y).any():
+        raise ValueError(f"the record holds {np.isinf(y).sum()} infinite values, the first at "
+                         f"sample {np.argmax(np.isinf(y))}: remove them or mark them missing")
+    observed = y[~np.isnan(y)]
+    if len(observed) < MIN_SAMPLES:
+        raise ValueError(f"the record has {len(observed)} samples: "
+                         f"at least {MIN_SAMPLES} are needed")
+    if (observed == observed[0]).all():
+        raise ValueError(f"the record is constant ({observed[0]:g}): "
+                         "there is no error model to identify, check the column")
+
+
+def probabilities(log_evidence):
+    """Eq. (10) with equal prior probabilities, over the last axis."""
+    log_evidence = np.asarray(log_evidence)
+    ratio = np.exp(log_evidence - log_evidence.max(-1, keepdims=True))
+    return ratio / ratio.sum(-1, keepdims=True)
+
+
+def decide(posterior, gamma=GAMMA):
+    """Number of the most probable hypothesis h_k*, or None below the threshold gamma."""
+    best = int(np.argmax(posterior.probability))
+    return best if posterior.probability[best] >= gamma else None
+
+
+def estimate_state(y, estimate, dt):
+    """Expectation and covariance of the state at the last sample, Eqs. (13), (14).
+
+    Parameters
+    ----------
+    y : (N,) array
+        The record that `estimate` comes from.
+    estimate : Estimate
+    dt : float
+        Sampling interval, s.
+
+    Returns
+    -------
+    mean, covariance : (n + 1,), (n + 1, n + 1) array
+        The states of the shaping filter, then the bias.
+    """
+    h = estimate.hypothesis
+    b = bank(h, dt, estimate.theta)
+    observed = 1.0 - np.isnan(y)
+    offset = np.nanmean(y)
+    columns = np.vstack([np.nan_to_num(y - offset), np.ones(len(y))])
+    M, n = b.m0.shape
+    x, P, sums = np.zeros((M, 2, n)), b.P0.copy(), np.zeros((M, 2, 2))
+    x[:, 0] = b.m0
+    _advance_general(columns, observed, np.flatnonzero(observed == 0).max(initial=-1), 0,
+                     b.Phi, b.Q, b.H, b.r, x, P, sums)
+    score, information = sums[:, 0, 1], sums[:, 1, 0]
+    variance = h.bias_sigma**2 / (1.0 + h.bias_sigma**2 * information)
+    bias = -offset + variance * (score + offset * information)    # of the centred record
+    response = np.column_stack([-x[:, 1], np.ones(M)])            # of the state to the bias
+    state = np.column_stack([x[:, 0], np.zeros(M)]) + bias[:, None] * response
+    P = np.pad(P, ((0, 0), (0, 1), (0, 1)))
+    P += variance[:, None, None] * response[:, :, None] * response[:, None, :]
+    mean = estimate.weight @ state
+    away = state - mean
+    covariance = np.einsum("j,jab->ab", estimate.weight, P + away[:, :, None] * away[:, None, :])
+    mean[-1] += offset
+    return mean, covariance
+
+
+# ---- 5. Criteria ------------------------------------------------ paper Sec. 3, Eqs. (15)-(20)
+
+CHUNK = 128            # trials simulated and filtered together; results do not depend on it
+LONG = 100_000         # samples above which a chunk is one block of LANES
+
+
+class Curve(NamedTuple):
+    """A criterion against time: real and calculated, with Monte-Carlo standard errors."""
+
+    real: np.ndarray             # (T,) from the truth, Eqs. (15), (17)
+    calculated: np.ndarray       # (T,) from the posterior alone, Eqs. (18), (19)
+    real_se: np.ndarray          # (T,)
+    calculated_se: np.ndarray    # (T,)
+    z: np.ndarray                # (T,) their difference over its standard error, paired
+
+
+class Criteria(NamedTuple):
+    """Performance criteria of Sec. 3."""
+
+    time: np.ndarray             # (T,) s
+    trials: int
+    error_probability: Curve     # Eqs. (15), (18)
+    labels: tuple                # "hypothesis.parameter" of every unknown parameter
+    rsd: tuple                   # a Curve for each label, Eq. (20)
+    nodes: tuple                 # nodes of the grid of each hypothesis
+    nodes_per_sd: tuple          # (d,) for each: what nine of ten trials exceed at the end
+
+
+def criteria_times(samples):
+    """Numbers of samples at which criteria are shown: dense early, then even."""
+    early, late = np.geomspace(1, samples, 19), np.linspace(samples / 16, samples, 16)
+    return np.unique(np.round(np.append(early, late)).astype(int).clip(1))
+
+
+def criteria_grid(h, dt, samples, seed=0, pilots=16, max_nodes=60000):
+    """Grid over the whole prior that resolves the posterior after `samples` samples.
+
+    Pilot trials of the hypothesis set the density: nine of ten shall have NODES_PER_SD.
+    Returns the grid and the nodes per standard deviation reached, (d,).
+    """
+    box = prior_box(h, dt)
+    nodes = np.full(len(box.low), 12)
+    y = simulate([h], dt, samples, pilots, seed).error
+    while True:
+        g = grid(h, dt, nodes, box)
+        sums = next(filter_bank(bank(h, dt, g.theta), y, [samples]))
+        _, _, cov = _posteriors(sums.count, sums.chi2, sums.score, _node_columns(g, sums),
+                                g.limits, g.power, (0.0, h.bias_sigma**2), *_features(g))
+        reached = np.array([_nodes_per_sd(g, c) for c in cov])
+        reached = np.quantile(reached, 0.1, axis=0) if len(nodes) else reached[0]
+        growth = np.clip(1.05 * NODES_PER_SD / np.maximum(reached, 0.1), 1.0, 2.5)
+        more = np.ceil(nodes * growth).astype(int)
+        if (reached >= NODES_PER_SD).all() or np.prod(more) > max_nodes:
+            return g, reached
+        nodes = np.where(reached < NODES_PER_SD, more, nodes)
+
+
+class _Chunk(NamedTuple):
+    """Trials first..last - 1 through every bank: what the criteria are made of."""
+
+    log_evidence: np.ndarray    # (L, T, K)
+    mean: np.ndarray            # (L, T, P) of all parameters of all hypotheses
+    variance: np.ndarray        # (L, T, P)
+    hypothesis: np.ndarray      # (L,)
+    truth: np.ndarray           # (L, P), NaN for the parameters of other hypotheses
+
+
+def _run_chunk(truths, grids, dt, stops, seed, first, last):
+    """Simulate from `truths` and filter through `grids`; a pure function of its arguments."""
+    trials = simulate(truths, dt, int(stops[-1]), last - first, seed, first)
+    log_evidence, mean, variance, truth = [], [], [], []
+    for k, g in enumerate(grids):
+        h, p = g.hypothesis, g.theta.shape[1]
+        feature, exponent = _features(g)
+        rows = []
+        for sums in filter_bank(bank(h, dt, g.theta), trials.error, stops):
+            rows.append(_posteriors(
+                sums.count, np.ascontiguousarray(sums.chi2), np.ascontiguousarray(sums.score),
+                _node_columns(g, sums), g.limits, g.power, (0.0, h.bias_sigma**2),
+                feature[:, :p], exponent[:p]))
+        evidence, means, covariances = (np.stack(part, 1) for part in zip(*rows))
+        log_evidence.append(evidence)
+        mean.append(means)
+        variance.append(np.diagonal(covariances, axis1=2, axis2=3))
+        truth.append(np.where((trials.hypothesis == k)[:, None], trials.theta[:, :p], np.nan))
+    return _Chunk(np.stack(log_evidence, 2), np.concatenate(mean, 2),
+                  np.concatenate(variance, 2), trials.hypothesis, np.concatenate(truth, 1))
+
+
+def _kept_chunk(folder, *arguments):
+    """`_run_chunk`, or its result from an earlier run that was interrupted."""
+    if folder is None:
+        return _run_chunk(*arguments)
+    digest = hashlib.sha256(__version__.encode())
+    for part in (*arguments[0], *(h for g in arguments[1] for h in g), *arguments[2:]):
+        digest.update(part.tobytes() if isinstance(part, np.ndarray) else _describe(part))
+    file = pathlib.Path(folder) / f"{digest.hexdigest()[:32]}.npz"
+    if file.exists():
+        with np.load(file) as kept:
+            return _Chunk(**kept)
+    chunk = _run_chunk(*arguments)
+    _write(file, lambda stream: np.savez(stream, **chunk._asdict()))
+    return chunk
+
+
+def _describe(part):
+    """Bytes that tell one argument of a chunk from another."""
+    if isinstance(part, Hypothesis):
+        code = getattr(part.model, "__code__", None)
+        return repr((part.name, part.model.__qualname__, code and code.co_code,
+                     code and code.co_consts, part.parameters, part.bias_sigma)).encode()
+    return repr(part).encode()
+
+
+def _write(file, put):
+    """Write a file whole or not at all."""
+    file = pathlib.Path(file)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        with open(part, "wb") as stream:
+            put(stream)
+        os.replace(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths=None,
+             grids=None, executor=None, checkpoint=None, progress=None):
+    """Performance criteria by statistical trials, Eqs. (15)-(20).
+
+    Parameters
+    ----------
+    hypotheses : sequence of Hypothesis
+        The K structures; trials are drawn from their priors with equal probability.
+    dt, duration : float
+        Sampling interval and record length, s.
+    trials, seed : int
+        Number L of trials and the seed of their streams.
+    times : (T,) array, optional
+        Times, s, at which the criteria are wanted, each a number of samples times dt.
+    truths : sequence of Hypothesis, optional
+        What the trials are drawn from, where the algorithm shall be wrong about it.
+    grids : sequence of Grid, optional
+        One per hypothesis; by default grids that resolve the posterior.
+    executor : concurrent.futures.Executor, optional
+        Runs chunks of trials elsewhere. The result is the same to the last bit.
+    checkpoint : path, optional
+        Folder in which finished chunks are kept; the same call takes them up again.
+    progress : function of (done, all), optional
+        Called after every chunk.
+
+    Returns
+    -------
+    Criteria
+
+    Raises
+    ------
+    ValueError
+        If dt, duration, trials or times make no sense.
+
+    Examples
+    --------
+    Two kinds of noise that can be told apart at once:
+
+    >>> h = [hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0),
+    ...      hypothesis("random_walk", sigma_w=100.0, bias_sigma=0.0)]
+    >>> float(criteria(h, 1.0, 50.0, trials=32).error_probability.real[-1])
+    0.0
+    """
+    if not (np.isfinite(dt) and dt > 0 and np.isfinite(duration) and duration >= dt):
+        raise ValueError(f"dt = {dt:g} s, duration = {duration:g} s: 0 < dt <= duration is needed")
+    if trials < 2:
+        raise ValueError(f"{trials} trials: a criterion needs at least 2")
+    samples = int(round(duration / dt))
+    stops = (criteria_times(samples) if times is None
+             else np.unique(np.round(np.asarray(times) / dt).astype(int)))
+    if not 1 <= stops[0] <= stops[-1] <= samples:
+        raise ValueError(f"times {stops[0] * dt:g} to {stops[-1] * dt:g} s do not lie within "
+                         f"{dt:g} to {duration:g} s")
+    reached = tuple(np.full(g.coordinate.shape[1], np.nan) for g in grids or ())
+    if grids is None:
+        grids, reached = zip(*(criteria_grid(h, dt, samples, seed) for h in hypotheses))
+    size = CHUNK if samples <= LONG else LANES
+    firsts = range(0, trials, size)
+    calls = [(checkpoint, truths or tuple(hypotheses), tuple(grids), dt, stops, seed, first,
+              min(first + size, trials)) for first in firsts]
+    results = (executor.map if executor else map)(_kept_chunk, *zip(*calls))
+    chunks = []
+    for chunk in results:
+        chunks.append(chunk)
+        if progress:
+            progress(min(len(chunks) * size, trials), trials)
+    joined = _Chunk(*(np.concatenate(part) for part in zip(*chunks)))
+    return _criteria(hypotheses, grids, reached, dt * stops, joined)
+
+
+def _criteria(hypotheses, grids, reached, time, chunk):
+    """Eqs. (15)-(20) from the trials."""
+    probability = probabilities(chunk.log_evidence)
+    best = probability.argmax(-1)
+    error = _curve((best != chunk.hypothesis[:, None]).astype(float), 1.0 - probability.max(-1))
+    labels, rsd, column = [], [], 0
+    for h in hypotheses:
+        for p in h.parameters:
+            if p.free:
+                own = ~np.isnan(chunk.truth[:, column])
+                square = (chunk.truth[own, column, None] - chunk.mean[own, :, column])**2
+                labels.append(f"{h.name}.{p.symbol}")
+                rsd.append(_relative(_curve(square, chunk.variance[own, :, column]),
+                                     own.sum(), abs(p.mean)))
+            column += 1
+    return Criteria(time, len(best), error, tuple(labels), tuple(rsd),
+                    tuple(len(g.theta) for g in grids), reached)
+
+
+def _curve(real, calculated):
+    """Means over the trials (L, T) of a criterion, with standard errors."""
+    def se(x):
+        return x.std(0, ddof=1) / np.sqrt(len(x))
+    difference = real - calculated
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = np.where(se(difference) > 0.0, difference.mean(0) / se(difference), 0.0)
+    return Curve(real.mean(0), calculated.mean(0), se(real), se(calculated), z)
+
+
+def _relative(variance, trials, mean):
+    """Eq. (20) from a curve of variances; Eq. (17) divides by L - 1."""
+    real = np.sqrt(variance.real * trials / (trials - 1))
+    calculated = np.sqrt(variance.calculated)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Curve(real / mean, calculated / mean,
+                     variance.real_se / (2.0 * real * mean),
+                     variance.calculated_se / (2.0 * calculated * mean), variance.z)
+
+
+# ---- 6. Allan variance -------------------------------- the classical estimate we compare with
+
+def allan_variance(omega, dt, m):
+    """Overlapping Allan variance of a rate record at averaging time tau = m * dt.
+
+    Parameters
+    ----------
+    omega : (N,) array
+        Rate or specific force, u, evenly sampled.
+    dt : float
+        Sampling interval, s.
+    m : int
+        Samples per cluster, 1 <= m <= N / 2.
+
+    Returns
+    -------
+    float
+        sigma^2(tau), u^2.
+
+    Raises
+    ------
+    ValueError
+        If the record does not hold two clusters of m samples.
+
+    Notes
+    -----
+    NIST SP 1065, Eq. (11), with the integrated rate as the phase.
+
+    Examples
+    --------
+    A ramp of slope R has sigma^2 = (R * tau)^2 / 2:
+
+    >>> allan_variance(np.arange(10.0), dt=1.0, m=2)
+    2.0
+    """
+    omega = np.asarray(omega, float)
+    if not 1 <= m <= omega.size // 2:
+        raise ValueError(
+            f"m = {m} does not fit a record of {omega.size} samples: the Allan "
+            f"variance needs two clusters, so 1 <= m <= {omega.size // 2}")
+    phase = np.append(0.0, np.cumsum(omega - omega.mean())) * dt
+    second = phase[2 * m:] - 2.0 * phase[m:-m] + phase[:-2 * m]
+    return float(np.mean(second**2) / (2.0 * (m * dt)**2))
+
+
+def allan_deviation(omega, dt, per_octave=1):
+    """Averaging times, s, up to a third of the record, and Allan deviations, u."""
+    n = len(omega)
+    top = np.log2(max(n // 3, 1))
+    m = np.unique(np.round(2.0**np.arange(0.0, top + 1e-9, 1.0 / per_octave)).astype(int))
+    return m * dt, np.sqrt([allan_variance(omega, dt, k) for k in m])
+
+
+@njit(**JIT)
+def _functional_variance(weight, Phi, Q, H, m0, P0):
+    """Variance (about zero) of sum weight_i H x_i, from the derivatives to every w_i."""
+    n = len(H)
+    g, new, total = np.zeros(n), np.zeros(n), 0.0
+    for i in range(len(weight) - 1, -1, -1):
+        for row in range(n):
+            g[row] += weight[i] * H[row]
+        for row in range(n):
+            new[row] = 0.0
+            for column in range(n):
+                total += g[row] * Q[row, column] * g[column]
+                new[row] += Phi[column, row] * g[column]
+        g[:] = new
+    mean = 0.0
+    for row in range(n):
+        mean += g[row] * m0[row]
+        for column in range(n):
+            total += g[row] * P0[row, column] * g[column]
+    return total + mean * mean
+
+
+def model_allan_variance(filt, m):
+    """Expected Allan variance of a shaping filter at averaging times of m samples, u^2.
+
+    For a process that is not stationary, the expectation is that of its first 2 m samples.
+    `filt` must not depend on time.
+
+    Examples
+    --------
+    White noise falls with the averaging time, Eq. (23):
+
+    >>> float(model_allan_variance(white_noise(1.0, 2.0), 4))
+    1.0
+    """
+    weight = np.repeat([-1.0, 1.0], m) / (np.sqrt(2.0) * m)
+    Gamma = filt.Gamma[0]
+    return filt.Psi[0]**2 * weight @ weight + _functional_variance(
+        weight, filt.Phi[0], Gamma @ Gamma.T, filt.H[0], filt.m0, filt.P0)
+
+
+# ---- 7. Records and model files ----------------------- what the command line reads and writes
+
+class Record(NamedTuple):
+    """A column of a file, evenly sampled; missing samples are NaN."""
+
+    file: str
+    column: str
+    error: np.ndarray    # (N,) u
+    dt: float            # s
+
+
+def read_record(file, column="error", dt=None, resample=False, allow_missing=False):
+    """Record from a CSV file with a header, or from .npz, .mat or .npy.
+
+    Parameters
+    ----------
+    file : path
+        A CSV header names the columns; .npz and .mat hold 1-D arrays of such names and,
+        optionally, a scalar `dt`; .npy holds the error alone.
+    column : str
+        Column or array of the sensor error.
+    dt : float, optional
+        Sampling interval, s. By default it comes from the column `time` or the scalar `dt`;
+        if given, the samples count as evenly spaced and `time` is not read.
+    resample : bool
+        Interpolate an unevenly sampled record linearly onto even times.
+    allow_missing : bool
+        Take NaN and empty cells as missing samples.
+
+    Returns
+    -------
+    Record
+        A gap of whole sampling intervals in `time` becomes missing samples.
+
+    Raises
+    ------
+    ValueError, OSError
+        With one sentence on what is wrong with the file.
+    """
+    file = pathlib.Path(file)
+    if not file.exists():
+        raise ValueError(f"{file}: no such file")
+    kind = file.suffix.lower()
+    if kind == ".npy":
+        arrays = {column: _loaded(file, np.load)}
+    elif kind == ".npz":
+        with _loaded(file, np.load) as archive:
+            arrays = {name: archive[name] for name in archive.files
+                      if name in (column, "time", "dt")}
+            names = archive.files
+    elif kind == ".mat":
+        from scipy.io import loadmat
+        arrays = {name: value.squeeze() for name, value in _loaded(file, loadmat).items()
+                  if not name.startswith("__")}
+    else:
+        arrays = _read_csv(file, (column,) if dt is not None else (column, "time"))
+    if column not in arrays:
+        names = names if kind == ".npz" else arrays
+        raise ValueError(f"{file}: no column {column!r} among {', '.join(names)}; "
+                         "choose one with --column")
+    error = arrays[column]
+    if error.ndim != 1 or error.dtype.kind not in "iuf":
+        raise ValueError(f"{file}: {column} is an array of {error.dtype} of shape {error.shape}: "
+                         "a record is a 1-D array of numbers")
+    error = error.astype(float)
+    holes = int(np.isnan(error).sum())
+    if holes and not allow_missing:
+        raise ValueError(f"{file}: {column} holds {holes} NaN or empty values, the first at sample "
+                         f"{np.argmax(np.isnan(error))}; --allow-missing takes them as missing")
+    if dt is None and "time" in arrays:
+        dt, error = _even(file, np.asarray(arrays["time"], float), error, resample)
+    elif dt is None:
+        if "dt" not in arrays:
+            raise ValueError(f"{file}: neither a column time nor dt: give the sampling interval "
+                             "with --dt")
+        dt = float(np.ravel(arrays["dt"])[0])
+    try:
+        _check_record(error, dt)
+    except ValueError as problem:
+        raise ValueError(f"{file}: {problem}") from None
+    return Record(str(file), column, error, float(dt))
+
+
+def _loaded(file, load):
+    """A NumPy or MATLAB file, or a sentence on what is wrong with it."""
+    try:
+        return load(file)
+    except Exception as problem:    # each format raises its own
+        raise ValueError(f"{file}: cannot be read as {file.suffix}: "
+                         f"{str(problem).splitlines()[0]}") from None
+
+
+def _read_csv(file, wanted):
+    """The wanted columns of a CSV file as arrays; None for the ones it only names."""
+    with open(file, newline="", encoding="utf-8-sig", errors="replace") as stream:
+        skip, header = 0, ""
+        for header in stream:
+            skip += 1
+            if header.strip() and not header.startswith("#"):
+                break
+    delimiter = next((d for d in (",", ";", "\t") if d in header), ",")
+    names = [name.strip().strip('"') for name in header.strip().split(delimiter)]
+    if all(_is_number(name) for name in names):
+        raise ValueError(f"{file}: no header: the first line must name the columns, "
+                         "such as time,error")
+    present = [name for name in wanted if name in names]
+    if wanted[0] in present:
+        at = [names.index(name) for name in present]
+        try:
+            table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, usecols=at, ndmin=2,
+                               encoding="utf-8-sig")
+        except ValueError:
+            table = _read_cells(file, delimiter, skip, at, present)
+        return {**dict.fromkeys(names), **dict(zip(present, table.T))}
+    return {name: None for name in names if name != wanted[0]}
+
+
+def _is_number(text):
+    try:
+        float(text)
+        return True
+    except ValueError:
+        return False
+
+
+def _read_cells(file, delimiter, skip, at, names):
+    """Cell by cell: empty cells are NaN, and what is no number is named with its line."""
+    rows = []
+    with open(file, newline="", encoding="utf-8-sig", errors="replace") as stream:
+        for number, row in enumerate(csv.reader(stream, delimiter=delimiter), 1):
+            if number <= skip or not row or row[0].startswith("#"):
+                continue
+            if len(row) <= max(at):
+                raise ValueError(f"{file}, line {number}: {len(row)} cells, but column "
+                                 f"{names[-1]} is number {max(at) + 1}")
+            cells = [row[column].strip() for column in at]
+            for name, cell in zip(names, cells):
+                if cell and not _is_number(cell):
+                    raise ValueError(f"{file}, line {number}: {cell!r} in column {name} "
+                                     "is not a number")
+            rows.append([float(cell) if cell else np.nan for cell in cells])
+    return np.array(rows).reshape(-1, len(at))
+
+
+JITTER = 0.1    # of a sampling interval: what a time stamp may be off
+
+
+def _even(file, time, error, resample):
+    """dt and the record on evenly spaced times; gaps become NaN."""
+    if len(time) != len(error):
+        raise ValueError(f"{file}: {len(time)} times for {len(error)} samples")
+    step = np.diff(time)
+    bad = np.flatnonzero(~(step > 0.0))
+    if bad.size:
+        raise ValueError(f"{file}: time does not increase from sample {bad[0]} "
+                         f"({time[bad[0]]:g} s) to the next ({time[bad[0] + 1]:g} s): sort the "
+                         "record, or give --dt if it is evenly sampled")
+    if len(time) < 2:
+        raise ValueError(f"{file}: the record has {len(time)} samples: "
+                         f"at least {MIN_SAMPLES} are needed")
+    middle = np.median(step)
+    count = np.maximum(np.round(step / middle), 1.0)
+    dt = (time[-1] - time[0]) / count.sum()
+    off = np.abs(step - count * dt)
+    if resample:
+        dt = middle
+        even = np.arange(time[0], time[-1] + 0.5 * dt, dt)
+        after = np.searchsorted(time, even).clip(1, len(time) - 1)
+        value = np.interp(even, time, error)
+        value[time[after] - time[after - 1] > 2.5 * dt] = np.nan
+        return dt, value
+    if off.max() > JITTER * dt:
+        raise ValueError(f"{file}: the record is uneven: the step after sample {off.argmax()} is "
+                         f"{step[off.argmax()]:g} s where {middle:g} s is usual; --resample "
+                         "interpolates it, --dt takes the samples as even")
+    index = np.append(0, np.cumsum(count)).astype(int)
+    even = np.full(index[-1] + 1, np.nan)
+    even[index] = error
+    return dt, even
+
+
+class Model(NamedTuple):
+    """A model file: the simulator, or the hypotheses and their priors."""
+
+    dt: float
+    unit: str
+    hypotheses: tuple
+
+
+def read_model(file):
+    """Model from a JSON file.
+
+    The file holds `dt`, s, optionally `unit`, `bias_sigma` (1) and `prior` ("uniform" or
+    "log"), and `hypotheses`: a list of `name`, a name in MODELS, and `parameters`, each a
+    number or a range [low, high]; optionally `label`, `prior` and `bias_sigma`.
+
+    Raises
+    ------
+    ValueError
+        With one sentence on what is wrong with the file.
+    """
+    file = pathlib.Path(file)
+    if not file.exists():
+        raise ValueError(f"{file}: no such model file")
+    try:
+        text = json.loads(file.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as problem:
+        raise ValueError(f"{file}: not a JSON model file: {problem}") from None
+    try:
+        if not isinstance(text, dict) or not text.get("hypotheses"):
+            raise ValueError("no hypotheses: a model file needs a list of at least one")
+        if not isinstance(text["hypotheses"], list):
+            raise ValueError("hypotheses must be a list")
+        dt = _number(text.get("dt"), "dt")
+        if not (np.isfinite(dt) and dt > 0.0):
+            raise ValueError(f"dt is {dt:g} s: it must be > 0")
+        hypotheses = tuple(_hypothesis_from(entry, text) for entry in text["hypotheses"])
+        names = [h.name for h in hypotheses]
+        if len(set(names)) < len(names):
+            raise ValueError(f"hypotheses of the same name among {', '.join(names)}: "
+                             "give each a \"label\" of its own")
+    except ValueError as problem:
+        raise ValueError(f"{file}: {problem}") from None
+    return Model(dt, str(text.get("unit", "u")), hypotheses)
+
+
+def _hypothesis_from(entry, text):
+    """One hypothesis of a model file."""
+    if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
+        raise ValueError(f"hypothesis {entry!r}: a name and parameters are needed")
+    if not isinstance(entry.get("parameters", {}), dict):
+        raise ValueError(f"parameters of {entry['name']} must be an object of numbers and ranges")
+    if entry.get("effects"):
+        raise ValueError(f"{entry['name']} has effects, which this version cannot simulate")
+    return hypothesis(entry["name"], name=entry.get("label"),
+                      bias_sigma=entry.get("bias_sigma", text.get("bias_sigma", 1.0)),
+                      prior=entry.get("prior", text.get("prior", "uniform")),
+                      **entry.get("parameters", {}))
+
+
+def model_text(model):
+    """JSON text of a model file."""
+    def value(p):
+        return [p.low, p.high] if p.free else p.low
+    hypotheses = [dict(name=h.model.__name__, label=h.name, bias_sigma=h.bias_sigma,
+                       prior="log" if any(p.log for p in h.parameters) else "uniform",
+                       parameters={p.symbol: value(p) for p in h.parameters})
+                  for h in model.hypotheses]
+    return json.dumps(dict(dt=model.dt, unit=model.unit, hypotheses=hypotheses), indent=1)
+
+
+def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
+    """Hypotheses with priors from sample characteristics, as Sec. 2 of the paper advises.
+
+    Parameters
+    ----------
+    y : (N,) array
+        Record, u.
+    dt : float
+        Sampling interval, s.
+    names : sequence of str
+        Names in MODELS.
+
+    Returns
+    -------
+    tuple of Hypothesis
+        Log-uniform priors, the same for a parameter in every hypothesis. The standard
+        deviation of the difference of neighbours, d, is at least sigma_w, that of the record
+        at least sigma_v. From below: white noise of 0.01 d, a walk of
+        d / N per sample and a Markov process of d / sqrt(N) are lost in N samples of the
+        rest. A correlation time lies between dt and the whole record.
+    """
+    seen = y[~np.isnan(y)]
+    difference = np.diff(y)
+    short = np.sqrt(np.nanmean(difference**2)) or np.ptp(seen) / len(seen)
+    wide = max(np.std(seen), short)
+    duration = dt * len(y)
+    bias_sigma = float(np.hypot(np.mean(seen), 3.0 * wide))
+    slow = short / np.sqrt(len(y)), 3.0 * wide
+    ranges = dict(sigma_v=(0.01 * short, 3.0 * wide), sigma_w=(short / len(y), 1.5 * short),
+                  tau_m=(dt, duration), tau_n=(dt, duration),
+                  sigma_m=slow, sigma_n=slow)
+    ranges["slope"] = Parameter("slope", -10.0 * wide / duration, 10.0 * wide / duration)
+    for name in names:
+        if name not in MODELS:
+            raise ValueError(f"unknown hypothesis {name!r}: known are {', '.join(MODELS)}")
+    return tuple(
+        hypothesis(name, bias_sigma=bias_sigma, prior="log", **{
+            symbol: ranges[symbol] for symbol in inspect.signature(MODELS[name]).parameters
+            if symbol in ranges})
+        for name in names)
+
+
+# ---- 8. Command line ------------------------------------------- parse, read, call, print, draw
+#
+# The drawings live here and not in `figures`, so that --plot works where this file was copied
+# alone; Matplotlib is imported when asked for.
+
+DESCRIPTION = """\
+sensorid says which error model a gyro or an accelerometer follows, with which parameters, and
+how well that can be known at all (Stepanov and Motorin, Sensors 2019, 19(9), 1997)."""
+
+EPILOG = """\
+a first session:
+  python -m sensorid identify record.csv --plot record.png
+  python -m sensorid criteria model.json --duration 2000 --trials 500
+  python -m sensorid simulate model.json --samples 20000 --records 10 --out simulated.npz
+
+record.csv has a header: time,error. model.json holds the hypotheses:
+  {"dt": 0.1, "unit": "deg/h", "bias_sigma": 1.0, "hypotheses": [
+    {"name": "random_walk", "parameters": {"sigma_w": [0.04, 0.15], "sigma_v": 0.5}},
+    {"name": "markov", "parameters": {"tau_m": [60, 1500], "sigma_m": [0.5, 1.5], "sigma_v": 0.5}}]}
+A number is known, a range is to be found. tau_m is in s, every sigma in the unit of the record,
+sigma_w per sample. Hypotheses: """ + ", ".join(MODELS) + "."
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong."""
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def _parser():
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = _Parser(prog="sensorid", description=DESCRIPTION, epilog=EPILOG, formatter_class=raw)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command",
+                                     parser_class=_Parser)
+
+    one = commands.add_parser(
+        "identify", help="name the error model of a record", formatter_class=raw,
+        description="Probability of every hypothesis and the parameters of each, Eqs. (3)-(14).",
+        epilog="Without --model, priors come from sample characteristics of the record.")
+    one.add_argument("record", help="CSV with a header, .npz, .mat or .npy")
+    one.add_argument("--model", metavar="M.json", help="hypotheses and priors")
+    one.add_argument("--hypotheses", metavar="NAMES", help="without --model: names, comma-separated, "
+                     "or all (default white_noise,random_walk,markov)")
+    _record_options(one)
+    one.add_argument("--json", metavar="OUT.json", help="write the result, with Phi, Gamma, H, Psi")
+    one.add_argument("--save-model", metavar="OUT.json",
+                     help="write the most probable model, ready for simulate and criteria")
+    one.add_argument("--plot", metavar="OUT.png", help="draw the result")
+
+    two = commands.add_parser(
+        "criteria", help="how well the models of a file can be identified", formatter_class=raw,
+        description="Error probability and relative standard deviations against record length, "
+                    "Eqs. (15)-(20).")
+    two.add_argument("model", metavar="M.json", help="hypotheses and priors")
+    two.add_argument("--duration", type=float, required=True, metavar="S", help="record length, s")
+    two.add_argument("--trials", type=int, default=500, metavar="L", help="trials (default 500)")
+    two.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
+    two.add_argument("--checkpoint", metavar="FOLDER", help="keep finished chunks of trials there; "
+                     "the same command takes up an interrupted run")
+    two.add_argument("--json", metavar="OUT.json", help="write the result")
+    two.add_argument("--plot", metavar="OUT.png", help="draw the result")
+
+    three = commands.add_parser(
+        "simulate", help="draw records from a model file", formatter_class=raw,
+        description="Records from the prior of a model file; arrays error[L, N] and dt, with the "
+                    "number of the true hypothesis and its parameters.")
+    three.add_argument("model", metavar="M.json", help="the simulator")
+    length = three.add_mutually_exclusive_group(required=True)
+    length.add_argument("--samples", type=int, metavar="N", help="samples of a record")
+    length.add_argument("--like", metavar="RECORD", help="as long as this record, and with its gaps")
+    _record_options(three)
+    three.add_argument("--records", type=int, default=1, metavar="L", help="records (default 1)")
+    three.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
+    three.add_argument("--out", required=True, metavar="FILE.npz", help="file to be written")
+    return parser
+
+
+def _record_options(parser):
+    parser.add_argument("--column", default="error", metavar="C",
+                        help="column of the sensor error (default error)")
+    parser.add_argument("--dt", type=float, metavar="S",
+                        help="sampling interval, s (default: from the column time or the scalar dt)")
+    parser.add_argument("--resample", action="store_true",
+                        help="interpolate an uneven record onto even times")
+    parser.add_argument("--allow-missing", action="store_true",
+                        help="take NaN and empty cells as missing samples")
+
+
+def _read(options, model=None):
+    """The record that the options name, at the sampling interval of the model if there is one."""
+    dt = options.dt
+    if dt is None and model and pathlib.Path(options.record).suffix.lower() == ".npy":
+        dt = model.dt
+    record = read_record(options.record, options.column, dt, options.resample,
+                         options.allow_missing)
+    if model and abs(record.dt - model.dt) > 0.01 * model.dt:
+        raise ValueError(f"{options.record} is sampled at {record.dt:g} s, but the model is for "
+                         f"dt = {model.dt:g} s: its noises per sample do not apply")
+    return record
+
+
+def _check_outputs(*files):
+    """Refuse before the work what could not be written after it."""
+    for file in filter(None, files):
+        folder = pathlib.Path(file).absolute().parent
+        if not folder.is_dir() or not os.access(folder, os.W_OK) or pathlib.Path(file).is_dir():
+            raise ValueError(f"{file} cannot be written: no such folder, or no right to")
+
+
+def _matplotlib():
+    try:
+        import matplotlib
+    except ImportError:
+        raise ValueError("--plot needs Matplotlib: pip install matplotlib") from None
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    return plt
+
+
+def _save(fig, file):
+    fig.tight_layout()
+    kind = pathlib.Path(file).suffix[1:] or "png"
+    if kind not in fig.canvas.get_supported_filetypes():
+        raise ValueError(f"{file}: pictures of kind .{kind} cannot be written, .png can")
+    _write(file, lambda stream: fig.savefig(stream, format=kind, dpi=150))
+
+
+def progress_bar(done, total):
+    """Progress on a terminal."""
+    if sys.stderr.isatty():
+        filled = 30 * done // total
+        print(f"\r[{'#' * filled}{'.' * (30 - filled)}] {done}/{total} trials",
+              end="\n" if done == total else "", file=sys.stderr, flush=True)
+
+
+def matrices(estimate, dt):
+    """Phi, Gamma, H, Psi at the estimated parameters, the bias as the last state, Eq. (21)."""
+    filt = _filter_at(estimate.hypothesis, dt, estimate.mean)
+    n, noises = filt.Gamma.shape[1:]
+    Phi = np.eye(n + 1)
+    Phi[:n, :n] = filt.Phi[0]
+    return dict(Phi=Phi.tolist(), Gamma=np.vstack([filt.Gamma[0], np.zeros((1, noises))]).tolist(),
+                H=[*filt.H[0].tolist(), 1.0], Psi=float(filt.Psi[0]))
+
+
+def _identify(options):
+    model = read_model(options.model) if options.model else None
+    if model and options.hypotheses:
+        raise ValueError("--hypotheses names defaults and --model brings its own: give one of them")
+    _check_outputs(options.json, options.save_model, options.plot)
+    plt = _matplotlib() if options.plot else None
+    record = _read(options, model)
+    y, dt = record.error, record.dt
+    names = options.hypotheses or "white_noise,random_walk,markov"
+    names = MODELS if names == "all" else names.split(",")
+    hypotheses = model.hypotheses if model else default_hypotheses(y, dt, names)
+    unit = model.unit if model else "u"
+    posterior = identify(y, dt, hypotheses)
+    best = int(posterior.probability.argmax())
+    misfit = allan_misfit(y, dt, posterior.estimates[best])
+
+    print(f"{record.file}, column {record.column}: {len(y)} samples at {dt:g} s, "
+          f"{dt * len(y):g} s; {np.isnan(y).sum()} missing")
+    print(f"{'hypothesis':<20}{'probability':>11}  parameters, mean +- standard deviation")
+    for k in np.argsort(-posterior.probability):
+        e = posterior.estimates[k]
+        text = ", ".join(f"{p.symbol} = {m:.4g}" + (f" +- {sd:.2g}" if p.free else "") + (
+            " s" if p.symbol.startswith("tau") else f" {unit}")
+            for p, m, sd in zip(e.hypothesis.parameters, e.mean, np.sqrt(np.diag(e.covariance))))
+        print(f"{e.hypothesis.name:<20}{posterior.probability[k]:>11.4f}  {text}")
+        if (e.nodes_per_sd < NODES_PER_SD).any():
+            print(f"{'':<33}coarse: only {e.nodes_per_sd.min():.2g} nodes per standard deviation")
+    chosen = decide(posterior)
+    print(f"decision at threshold {GAMMA}: "
+          + ("none, record longer" if chosen is None else hypotheses[chosen].name))
+    print(misfit.sentence)
+    result = dict(
+        record=dict(file=record.file, column=record.column, samples=len(y), dt=dt),
+        decision=None if chosen is None else hypotheses[chosen].name,
+        hypotheses=[dict(
+            name=e.hypothesis.name, probability=float(posterior.probability[k]),
+            log_evidence=float(e.log_evidence),
+            parameters={p.symbol: dict(mean=float(m), sd=float(sd)) for p, m, sd in zip(
+                e.hypothesis.parameters, e.mean, np.sqrt(np.diag(e.covariance)))},
+            matrices=matrices(e, dt), nodes_per_sd=e.nodes_per_sd.tolist())
+            for k, e in enumerate(posterior.estimates)],
+        allan_misfit=dict(tau=misfit.tau, ratio=misfit.ratio, sd=misfit.sd))
+    if options.json:
+        _write(options.json, lambda stream: stream.write(json.dumps(result, indent=1).encode()))
+    if options.save_model:
+        text = model_text(Model(dt, unit, (_narrowed(posterior.estimates[best]),)))
+        _write(options.save_model, lambda stream: stream.write(text.encode()))
+    if plt:
+        _save(_draw_identify(plt, record, posterior, unit), options.plot)
+
+
+def _narrowed(e):
+    """The hypothesis of an estimate with ranges of two standard deviations to either side."""
+    sds = np.sqrt(np.diag(e.covariance))
+    return e.hypothesis._replace(parameters=tuple(
+        Parameter(p.symbol, max(p.low, m - 2 * sd), min(p.high, m + 2 * sd)) if p.free else p
+        for p, m, sd in zip(e.hypothesis.parameters, e.mean, sds)))
+
+
+class Misfit(NamedTuple):
+    """Where the Allan deviation of a record and that of its model differ most."""
+
+    tau: float       # s
+    ratio: float     # record over model
+    sd: float        # difference in standard deviations
+    sentence: str
+
+
+def allan_misfit(y, dt, estimate):
+    """Largest difference between the Allan deviations of a record and of its model.
+
+    Octaves up to a tenth of the record. The standard deviation is that of white noise (edf
+    of NIST SP 1065, Table 5), a lower bound for slower noises: a hint, not a test.
+    """
+    y = np.interp(np.arange(len(y)), np.flatnonzero(~np.isnan(y)), y[~np.isnan(y)])
+    filt = _filter_at(estimate.hypothesis, dt, estimate.mean)
+    tau, adev = allan_deviation(y, dt)
+    keep = tau <= 0.1 * dt * len(y)
+    tau, adev = (tau[keep], adev[keep]) if keep.any() else (tau[:1], adev[:1])
+    m = np.round(tau / dt).astype(int)
+    model = np.sqrt([model_allan_variance(filt, k) for k in m])
+    edf = (1.5 * (len(y) - 1) / m - 2 * (len(y) - 2) / len(y)) * 4 * m**2 / (4 * m**2 + 5)
+    z = np.log(adev / model) * np.sqrt(2.0 * np.maximum(edf, 1.0))
+    worst = int(np.abs(z).argmax())
+    ratio = float(adev[worst] / model[worst])
+    sentence = (f"Allan deviation of the record over that of the most probable model: {ratio:.3g} "
+                f"at tau = {tau[worst]:g} s, {abs(z[worst]):.1f} standard deviations, the largest "
+                "of all octaves")
+    if abs(z[worst]) > 5.0:
+        sentence += "\nno hypothesis describes this record: something is left out"
+    return Misfit(float(tau[worst]), ratio, float(z[worst]), sentence)
+
+
+def _draw_identify(plt, record, posterior, unit):
+    """Allan deviations of the record and of every hypothesis; probability against length."""
+    y, dt = record.error, record.dt
+    fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2))
+    filled = np.interp(np.arange(len(y)), np.flatnonzero(~np.isnan(y)), y[~np.isnan(y)])
+    tau, adev = allan_deviation(filled, dt, per_octave=2)
+    left.loglog(tau, adev, "k.-", label="record")
+    m = np.unique(np.round(tau / dt).astype(int))
+    lengths = [n for n in len(y) // 2**np.arange(6, -1, -1) if n >= MIN_SAMPLES
+               and np.nanmin(y[:n]) < np.nanmax(y[:n]) and (~np.isnan(y[:n])).sum() >= MIN_SAMPLES]
+    hypotheses = [e.hypothesis for e in posterior.estimates]
+    history = np.array([identify(y[:n], dt, hypotheses).probability for n in lengths])
+    for k, e in enumerate(posterior.estimates):
+        filt = _filter_at(e.hypothesis, dt, e.mean)
+        left.loglog(m * dt, np.sqrt([model_allan_variance(filt, i) for i in m]),
+                    color=f"C{k}", label=f"{e.hypothesis.name}, {posterior.probability[k]:.3f}")
+        right.semilogx(np.array(lengths) * dt, history[:, k], "o-", color=f"C{k}",
+                       label=e.hypothesis.name)
+    right.axhline(GAMMA, color="0.6", linestyle=":", label=f"threshold {GAMMA}")
+    left.set(xlabel="averaging time, s", ylabel=f"Allan deviation, {unit}",
+             title=f"{pathlib.Path(record.file).name}, {record.column}")
+    right.set(xlabel="record length used, s", ylabel="probability of the hypothesis",
+              ylim=(-0.03, 1.03), title="Eq. (10)")
+    for ax in (left, right):
+        ax.legend(frameon=False)
+        ax.grid(True, which="major", alpha=0.3)
+    return fig
+
+
+def _criteria_command(options):
+    model = read_model(options.model)
+    _check_outputs(options.json, options.plot)
+    plt = _matplotlib() if options.plot else None
+    result = criteria(model.hypotheses, model.dt, options.duration, options.trials, options.seed,
+                      checkpoint=options.checkpoint, progress=progress_bar)
+    error = result.error_probability
+    print(f"{options.trials} trials of {options.duration:g} s at {model.dt:g} s, seed "
+          f"{options.seed}; real / calculated, +- standard error")
+    print(f"{'time, s':>10}  {'error probability':<28}"
+          + "".join(f"{'RSD ' + label:<28}" for label in result.labels))
+    for i in np.unique(np.linspace(0, len(result.time) - 1, 12).astype(int)):
+        print(f"{result.time[i]:>10.4g}  " + "".join(
+            f"{f'{c.real[i]:.4f} / {c.calculated[i]:.4f} +- {c.real_se[i]:.4f}':<28}"
+            for c in (error, *result.rsd)))
+
+    def curve(c):
+        return {name: np.nan_to_num(part).tolist() for name, part in c._asdict().items()}
+
+    if options.json:
+        text = json.dumps(dict(
+            time=result.time.tolist(), trials=options.trials, seed=options.seed, unit=model.unit,
+            error_probability=curve(error),
+            rsd={label: curve(c) for label, c in zip(result.labels, result.rsd)}), indent=1)
+        _write(options.json, lambda stream: stream.write(text.encode()))
+    if plt:
+        fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2))
+        for ax, curves in ((left, [("error probability", error)]),
+                           (right, list(zip(result.labels, result.rsd)))):
+            for number, (label, c) in enumerate(curves):
+                ax.plot(result.time, c.real, "-", color=f"C{number}", label=f"{label}, real")
+                ax.plot(result.time, c.calculated, "--", color=f"C{number}",
+                        label=f"{label}, calculated")
+                ax.fill_between(result.time, c.real - c.real_se, c.real + c.real_se,
+                                color=f"C{number}", alpha=0.2, linewidth=0)
+            ax.set(xlabel="time, s", ylim=(0, None))
+            if curves:
+                ax.legend(frameon=False, fontsize="small")
+            ax.grid(True, alpha=0.3)
+        left.set_ylabel("identification error probability")
+        right.set_ylabel("relative standard deviation")
+        _save(fig, options.plot)
+
+
+def _simulate_command(options):
+    model = read_model(options.model)
+    _check_outputs(options.out)
+    if options.records < 1 or options.samples is not None and options.samples < 1:
+        raise ValueError("--records and --samples must be at least 1")
+    gaps, samples = slice(0), options.samples
+    if options.like:
+        options.record = options.like
+        like = _read(options, model)
+        samples, gaps = len(like.error), np.isnan(like.error)
+    trials = simulate(model.hypotheses, model.dt, samples, options.records, options.seed)
+    trials.error[:, gaps] = np.nan
+    names = np.array([h.name for h in model.hypotheses])
+    _write(options.out, lambda stream: np.savez(
+        stream, error=trials.error, dt=model.dt, hypothesis=names[trials.hypothesis],
+        theta=trials.theta))
+    print(f"{options.out}: error {trials.error.shape}, dt {model.dt:g} s")
+
+
+COMMANDS = dict(identify=_identify, criteria=_criteria_command, simulate=_simulate_command)
+
+
+def main(argv=None):
+    """Run the command line; returns the exit status: 0 done, 2 bad input."""
+    options = _parser().parse_args(argv)
+    try:
+        COMMANDS[options.command](options)
+    except (ValueError, OSError) as problem:
+        print(f"sensorid: {' '.join(str(problem).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nsensorid: interrupted, nothing was written", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    from sensorid import main as _main    # compiled code is cached under the module's own name
+    sys.exit(_main())

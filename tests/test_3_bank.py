@@ -1,0 +1,165 @@
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import paper_case
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import multivariate_normal
+
+import naive
+import sensorid as s
+
+THETA = {
+    "random_walk": [(0.1, 0.5), (0.04, 0.25), (0.3, 0.0)],
+    "markov": [(30.0, 1.0, 0.5), (400.0, 1.5, 0.0), (2.0, 0.5, 0.9)],
+}
+
+
+def log_likelihoods(h, theta, dt, y, stops, bias_sigma=1.0):
+    """(stops, C, M) from the module."""
+    bank = s.bank(h, dt, np.array(theta))
+    return np.array([s.log_likelihood(1.0, u.count, u.chi2, u.score, u.information, u.log_det,
+                                      (0.0, bias_sigma**2))
+                     for u in s.filter_bank(bank, y, stops)])
+
+
+def make(name, theta, bias_sigma=1.0):
+    symbols = dict(random_walk=("sigma_w", "sigma_v"), markov=("tau_m", "sigma_m", "sigma_v"))
+    return s.hypothesis(name, bias_sigma=bias_sigma, **dict(zip(symbols[name], theta)))
+
+
+@pytest.mark.parametrize("name", THETA)
+@pytest.mark.parametrize("records", [1, 40])
+def test_bank_equals_the_naive_two_state_filter(name, records):
+    h = make(name, THETA[name][0])
+    y = s.simulate([h], 0.5, 300, records, seed=1).error
+    y[:, 100:107] = np.nan
+    stops = [1, 2, 50, 103, 300]
+    actual = log_likelihoods(h, THETA[name], 0.5, y, stops)
+    for record in range(0, records, 13):
+        for column, theta in enumerate(THETA[name]):
+            node = naive.Node(theta, *getattr(naive, name)(theta, 0.5, 1.0))
+            expected = []
+            for i, sample in enumerate(y[record], 1):
+                node.step(sample)
+                if i in stops:
+                    expected.append(node.log_likelihood)
+            assert_allclose(actual[:, record, column], expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", THETA)
+def test_bank_equals_the_dense_gaussian(name):
+    h = make(name, THETA[name][0])
+    y = s.simulate([h], 1.0, 60, 3, seed=2).error
+    actual = log_likelihoods(h, THETA[name], 1.0, y, [60])[0]
+    for column, theta in enumerate(THETA[name]):
+        C = naive.covariance(*getattr(naive, name)(theta, 1.0, 1.0), 60)
+        assert_allclose(actual[:, column], multivariate_normal(cov=C).logpdf(y), rtol=1e-9)
+
+
+def test_bank_equals_statsmodels():
+    from statsmodels.tsa.statespace.mlemodel import MLEModel
+    theta = 30.0, 1.0, 0.5
+    Phi, Gamma, H, Psi, P0 = naive.markov(theta, 1.0, 1.0)
+    y = s.simulate([make("markov", theta)], 1.0, 2000, 1, seed=3).error
+    model = MLEModel(y[0], k_states=2, k_posdef=1, transition=Phi, selection=Gamma, design=H,
+                     state_cov=np.eye(1), obs_cov=Psi**2)
+    model.initialize_known(np.zeros(2), Phi @ P0 @ Phi.T + Gamma @ Gamma.T)
+    model.ssm.tolerance = 0
+    actual = log_likelihoods(make("markov", theta), [theta], 1.0, y, [2000])
+    assert_allclose(actual[0, 0, 0], model.loglike([]), rtol=1e-9)
+
+
+def test_general_kernel_equals_the_dense_gaussian():
+    h = s.hypothesis("two_markov", tau_m=20.0, sigma_m=1.0, tau_n=3.0, sigma_n=0.5, sigma_v=0.2)
+    theta = [p.low for p in h.parameters]
+    f = h.model(1.0, *theta)
+    y = s.simulate([h], 1.0, 50, 5, seed=4).error
+    y[:, 20:24] = np.nan
+    seen = ~np.isnan(y[0])
+    C = 1.0 + naive.covariance(f.Phi[0], f.Gamma[0], f.H, f.Psi[:, None], f.P0, 50)
+    expected = multivariate_normal(cov=C[np.ix_(seen, seen)]).logpdf(y[:, seen])
+    assert_allclose(log_likelihoods(h, [theta], 1.0, y, [9, 50])[1, :, 0], expected, rtol=1e-9)
+
+
+def test_general_kernel_follows_matrices_that_vary_with_time():
+    rng = np.random.default_rng(5)
+    n = 30
+    Phi, Gamma = rng.uniform(-0.5, 0.9, (n, 2, 2)), rng.uniform(0.1, 1, (n, 2, 1))
+    H, Psi, m0, P0 = rng.normal(size=(n, 2)), rng.uniform(0.2, 1, n), [1.0, -2.0], np.diag([1, 2.0])
+    h = s.hypothesis(lambda dt: s.shaping_filter(Phi, Gamma, H, Psi, m0, P0), name="moving")
+    y = s.simulate([h], 1.0, n, 2, seed=6).error
+    actual = log_likelihoods(h, np.empty((1, 0)), 1.0, y, [7, n])[-1]
+    for record in range(2):
+        x, P, total = np.array([*m0, 0.0]), np.diag([1.0, 2.0, 1.0]), 0.0    # the bias last
+        for i in range(n):
+            F, G, h_i = np.eye(3), np.vstack([Gamma[i], [[0.0]]]), np.array([*H[i], 1.0])
+            F[:2, :2] = Phi[i]
+            x, P = F @ x, F @ P @ F.T + G @ G.T
+            f, nu = h_i @ P @ h_i + Psi[i]**2, y[record, i] - h_i @ x
+            x, P = x + P @ h_i * nu / f, P - np.outer(P @ h_i, P @ h_i) / f
+            total -= 0.5 * (np.log(2 * np.pi * f) + nu**2 / f)
+        assert_allclose(actual[record, 0], total, rtol=1e-9)
+
+
+def test_the_three_kernels_agree_also_after_gains_have_converged():
+    h = make("markov", (30.0, 1.0, 0.5))
+    theta = [(30.0, 1.0, 0.5), (5.0, 0.5, 0.7)]
+    y = s.simulate([h], 1.0, 20001, 1, seed=7).error
+    record = log_likelihoods(h, theta, 1.0, y, [15000, 20001])
+    trials = log_likelihoods(h, theta, 1.0, np.repeat(y, 2, 0), [15000, 20001])[:, :1]
+    assert_allclose(record, trials, rtol=1e-11)
+
+    def general(dt, tau_m, sigma_m, sigma_v):    # an idle second state
+        m = s.markov(dt, tau_m, sigma_m, sigma_v)
+        return s.shaping_filter(np.diag([m.Phi[0, 0, 0], 0.0]), [[m.Gamma[0, 0, 0]], [0.0]],
+                                [1.0, 0.0], sigma_v, P0=np.diag([sigma_m**2, 0.0]))
+
+    g = s.hypothesis(general, tau_m=30.0, sigma_m=1.0, sigma_v=0.5)
+    assert_allclose(log_likelihoods(g, theta, 1.0, y, [15000, 20001]), record, rtol=1e-11)
+
+
+def test_results_are_the_same_bits_for_any_stops_trials_and_threads(tmp_path):
+    h = paper_case(3)[1]
+    g = s.grid(h, 0.1, 9)
+    y = s.simulate(paper_case(3), 0.1, 700, 70, seed=8).error
+    bank = s.bank(h, 0.1, g.theta)
+    whole = list(s.filter_bank(bank, y, [128, 384, 700]))[-1]
+    part = next(s.filter_bank(bank, y[40:45], [700]))
+    assert_array_equal(whole.information, part.information)
+    assert_array_equal(part.chi2, next(s.filter_bank(bank, y, [700])).chi2[40:45])
+    assert_allclose(whole.chi2[40:45], part.chi2, rtol=1e-13)
+    code = ("import numpy as np, sensorid as s, conftest\n"
+            "h = conftest.paper_case(3)\ny = s.simulate(h, 0.1, 700, 70, seed=8).error\n"
+            "g = s.grid(h[1], 0.1, 9)\n"
+            "u = next(s.filter_bank(s.bank(h[1], 0.1, g.theta), y, [700]))\n"
+            f"np.save({str(tmp_path / 'one.npy')!r}, u.chi2)\n")
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=os.path.dirname(__file__),
+                   env={**os.environ, "NUMBA_NUM_THREADS": "1"})
+    assert_array_equal(np.load(tmp_path / "one.npy"), next(s.filter_bank(bank, y, [700])).chi2)
+
+
+def test_kernels_run_as_plain_python():
+    code = ("import numpy as np, sensorid as s\n"
+            "h = s.hypothesis('markov', tau_m=(6, 50), sigma_m=(0.5, 1.5), sigma_v=(0.25, 1))\n"
+            "y = s.simulate([h], 1.0, 20, 1, seed=1).error[0]\n"
+            "g = s.grid(h, 1.0, 3)\n"
+            "u = next(s.filter_bank(s.bank(h, 1.0, g.theta), y[None], [20]))\n"
+            "print(repr(u.chi2[0, 4]))\n")
+    outputs = [subprocess.run([sys.executable, "-c", code], check=True, capture_output=True,
+                              text=True, env={**os.environ, "NUMBA_DISABLE_JIT": flag}).stdout
+               for flag in "01"]
+    numbers = [float(text.strip().removeprefix("np.float64(").rstrip(")")) for text in outputs]
+    assert_allclose(*numbers, rtol=1e-12)
+
+
+def test_wrong_stops_and_ragged_gaps_are_refused():
+    bank = s.bank(make("random_walk", (0.1, 0.5)), 1.0, np.array([(0.1, 0.5)]))
+    with pytest.raises(ValueError, match=r"stops \[3, 2\] do not increase within 1..5"):
+        s.filter_bank(bank, np.zeros((1, 5)), [3, 2])
+    y = np.zeros((2, 5))
+    y[1, 3] = np.nan
+    with pytest.raises(ValueError, match="missing in some records only"):
+        s.filter_bank(bank, y, [5])

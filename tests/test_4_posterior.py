@@ -1,0 +1,161 @@
+import numpy as np
+import pytest
+from conftest import paper_case
+from numpy.testing import assert_allclose
+from scipy.integrate import quad
+
+import naive
+import sensorid as s
+
+
+def naive_identification(hypotheses, y, dt, nodes):
+    """The reference implementation on uniform grids of the paper."""
+    banks = []
+    for h in hypotheses:
+        make = getattr(naive, h.name)
+        theta = s.uniform_grid(h, dt, nodes).theta
+        if theta.shape[1] < dict(random_walk=2, markov=3)[h.name]:
+            theta = np.column_stack([theta, np.zeros(len(theta))])    # no white noise
+        banks.append([naive.Node(t, *make(t, dt, h.bias_sigma)) for t in theta])
+    answer = naive.Identification(banks)
+    for sample in y:
+        answer.step(sample)
+    return answer
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_posterior_on_the_papers_grid_equals_the_reference_implementation(number):
+    H = paper_case(number)
+    y = s.simulate(H, 1.0, 60, 1, seed=number).error
+    expected = naive_identification(H, y[0], 1.0, 4)
+    evidences = []
+    for k, h in enumerate(H):
+        g = s.uniform_grid(h, 1.0, 4)
+        u = next(s.filter_bank(s.bank(h, 1.0, g.theta), y, [60]))
+        p = g.theta.shape[1]
+        evidence, mean, cov = s._posteriors(
+            u.count, u.chi2.copy(), u.score.copy(), s._node_columns(g, u), g.limits, g.power,
+            (0.0, 1.0), g.theta, np.zeros(p))
+        evidences.append(evidence[0])
+        naive_mean, naive_cov = expected.parameters(k)
+        assert_allclose(mean[0], naive_mean[:p], rtol=1e-9)
+        assert_allclose(cov[0], naive_cov[:p, :p], rtol=1e-6, atol=1e-12)
+    assert_allclose(s.probabilities(evidences), expected.probability, rtol=1e-9)
+
+
+def dense(h, dt, Y, nodes):
+    """Log evidence and moments on a grid of midpoints in theta: no scale, no zoom."""
+    free = [c for c, p in enumerate(h.parameters) if p.free]
+    axes = [h.parameters[c].low + (h.parameters[c].high - h.parameters[c].low)
+            * (np.arange(nodes) + 0.5) / nodes for c in free]
+    z = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(free))
+    theta = np.array([p.high for p in h.parameters]) * np.ones((len(z), 1))
+    theta[:, free] = z
+    u = next(s.filter_bank(s.bank(h, dt, theta), Y, [Y.shape[1]]))
+    results = []
+    for chi2, score in zip(u.chi2, u.score):
+        L = s.log_likelihood(1.0, u.count, chi2, score, u.information, u.log_det,
+                             (0.0, h.bias_sigma**2))
+        w = np.exp(L - L.max())
+        evidence = L.max() + np.log(w.mean())
+        w /= w.sum()
+        mean = w @ theta
+        results.append((evidence, mean, np.sqrt(w @ (theta - mean)**2)))
+    return results
+
+
+@pytest.mark.parametrize("number, samples, nodes", [
+    (1, 300, {1: 4000, 2: 400}), (2, 1000, {1: 4000, 2: 250}), (3, 1000, {2: 400, 3: 75})])
+def test_zoomed_posterior_equals_a_dense_grid(number, samples, nodes):
+    H = paper_case(number)
+    Y = s.simulate(H, 0.1, samples, 12, seed=20 + number).error
+    references = [dense(h, 0.1, Y, nodes[sum(p.free for p in h.parameters)]) for h in H]
+    for y, *reference in zip(Y, *references):
+        answer = s.identify(y, 0.1, H)
+        assert_allclose(answer.probability, s.probabilities([r[0] for r in reference]),
+                        atol=0.01)
+        best = int(answer.probability.argmax())
+        e, (_, mean, sd) = answer.estimates[best], reference[best]
+        free = [p.free for p in e.hypothesis.parameters]
+        assert (np.abs(e.mean - mean)[free] < 0.1 * sd[free]).all()
+        assert_allclose(np.sqrt(np.diag(e.covariance))[free], sd[free], rtol=0.05)
+        assert (e.nodes_per_sd >= s.NODES_PER_SD).all()
+
+
+@pytest.mark.parametrize("count, chi2, score, information", [
+    (3, 2.0, 0.5, 0.7), (40, 9.0, 3.0, 20.0), (5000, 1200.0, 11.0, 3.0),
+    (200, 900.0, -4.0, 1.0), (200, 2.0, 0.1, 1.0)])
+@pytest.mark.parametrize("bias", [(0.0, 1.0), (-3.0, 100.0), (0.2, 0.0)])
+def test_scale_integral_equals_adaptive_quadrature(count, chi2, score, information, bias):
+    low, high, power = np.log(0.25), np.log(1.0), 2.0
+    u = np.linspace(low, high, 4001)
+
+    def f(x):
+        return power * x + s.log_likelihood(np.exp(2 * x), count, chi2, score, information,
+                                            0.3, bias)
+
+    top = f(u).max()
+    peak = u[f(u).argmax()]
+    total, first = (quad(lambda x: np.exp(f(x) - top + k * x), low, high, points=[peak],
+                         epsabs=0, limit=500)[0] for k in (0, 1))
+    mass, mean, _ = s._node_mass(count, np.array([chi2]), np.array([score]),
+                                 np.array([[information, 0.3, -1.0]]),
+                                 np.array([[[low, high, 0.0]]]), power, bias)
+    assert_allclose(mass[0], top + np.log(total) - 1.0, atol=2e-4)
+    assert_allclose(mean[0], first / total, rtol=1e-4)
+
+
+def test_point_masses_have_the_moments_of_the_estimate():
+    H = paper_case(3)
+    y = s.simulate(H, 0.1, 2000, 1, seed=3).error[0]
+    for e in s.identify(y, 0.1, H).estimates:
+        mean = e.weight @ e.theta
+        assert_allclose(mean, e.mean, rtol=1e-8)
+        away = e.theta - mean
+        assert_allclose(np.einsum("j,ja,jb", e.weight, away, away), e.covariance, rtol=1e-6)
+
+
+def test_state_equals_the_reference_implementation():
+    H = [s.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5),
+         s.hypothesis("markov", tau_m=20.0, sigma_m=1.0, sigma_v=0.5, bias_sigma=2.0)]
+    y = s.simulate(H, 1.0, 50, 1, seed=1).error[0] + 3.0
+    y[20:25] = np.nan
+    for h, e in zip(H, s.identify(y, 1.0, H).estimates):
+        theta = [p.low for p in h.parameters]
+        node = naive.Node(theta, *getattr(naive, h.name)(theta, 1.0, h.bias_sigma))
+        for sample in y:
+            node.step(sample)
+        mean, cov = s.estimate_state(y, e, 1.0)
+        assert_allclose(mean, node.x, rtol=1e-8)
+        assert_allclose(cov, node.P, rtol=1e-8)
+
+
+def test_a_large_bias_costs_no_accuracy():
+    H = paper_case(3, bias_sigma=1e6)
+    y = s.simulate(paper_case(3), 0.1, 3000, 1, seed=9).error[0]
+    near, far = s.identify(y, 0.1, H), s.identify(y + 1e5, 0.1, H)
+    assert_allclose(far.probability, near.probability, atol=1e-4)
+
+
+def test_decision_needs_the_threshold():
+    H = paper_case(2)
+    answer = s.identify(s.simulate(H, 0.1, 500, 1, seed=1).error[0], 0.1, H)
+    for probability, expected in (((0.1, 0.9), 1), ((0.25, 0.75), None)):
+        assert s.decide(answer._replace(probability=np.array(probability))) == expected
+    assert s.decide(answer._replace(probability=np.array([0.4, 0.6])), gamma=0.5) == 1
+
+
+def test_a_coarse_answer_is_not_silent():
+    h = s.hypothesis("markov", tau_m=(60, 1500), sigma_m=(0.5, 1.5), sigma_v=0.5)
+    y = s.simulate([h], 0.1, 20000, 1, seed=1).error[0]
+    assert (s.resolve(h, 0.1, y, max_nodes=20).nodes_per_sd < s.NODES_PER_SD).any()
+
+
+@pytest.mark.parametrize("y, dt, message", [
+    (np.zeros(100), 1.0, "is constant"), (np.arange(5.0), 1.0, "has 5 samples"),
+    (np.arange(100.0), -1.0, "sampling interval is -1.0 s"),
+    (np.full(100, np.inf), 1.0, "infinite values"), (np.zeros((3, 50)), 1.0, "has shape"),
+    (np.r_[np.arange(9.0), np.full(50, np.nan)], 1.0, "has 9 samples")])
+def test_a_useless_record_is_refused(y, dt, message):
+    with pytest.raises(ValueError, match=message):
+        s.identify(y, dt, paper_case(2))

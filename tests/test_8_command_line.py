@@ -1,0 +1,111 @@
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import sensorid as s
+
+MODEL = {"dt": 1.0, "bias_sigma": 1.0, "hypotheses": [
+    {"name": "random_walk", "parameters": {"sigma_w": [0.04, 0.15], "sigma_v": [0.25, 1.0]}},
+    {"name": "markov", "parameters": {"tau_m": [60, 1500], "sigma_m": [0.5, 1.5],
+                                      "sigma_v": 0.5}}]}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "m.json").write_text(json.dumps(MODEL))
+    h = s.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)
+    np.savez("r.npz", error=s.simulate([h], 1.0, 3000, 1, seed=1).error[0], dt=1.0)
+    return tmp_path
+
+
+def test_identify_names_the_model_and_writes_what_it_says(folder, capsys):
+    assert s.main("identify r.npz --model m.json --json o.json --save-model b.json "
+                  "--plot p.png".split()) == 0
+    result = json.loads(pathlib.Path("o.json").read_text())
+    assert result["decision"] == "random_walk"
+    best = result["hypotheses"][0]
+    assert abs(best["parameters"]["sigma_w"]["mean"] - 0.1) < 4 * best["parameters"][
+        "sigma_w"]["sd"]
+    assert best["matrices"]["Phi"] == [[1, 0], [0, 1]] and best["matrices"]["H"] == [1, 1]
+    assert best["matrices"]["Gamma"][0][0] == best["parameters"]["sigma_w"]["mean"]
+    assert abs(sum(h["probability"] for h in result["hypotheses"]) - 1) < 1e-9
+    assert pathlib.Path("p.png").read_bytes()[:4] == b"\x89PNG"
+    assert "random_walk" in capsys.readouterr().out
+    assert s.main("simulate b.json --like r.npz --records 2 --out s.npz".split()) == 0
+    assert np.load("s.npz")["error"].shape == (2, 3000)
+
+
+def test_a_record_that_no_hypothesis_describes_is_told(folder, capsys):
+    t = np.arange(4000)
+    y = np.random.default_rng(1).normal(size=4000) + 0.8 * np.sin(t / 4)
+    np.savez("sine.npz", error=y, dt=1.0)
+    assert s.main("identify sine.npz".split()) == 0
+    assert "no hypothesis describes this record" in capsys.readouterr().out
+    assert s.main("identify r.npz".split()) == 0
+    assert "no hypothesis describes this record" not in capsys.readouterr().out
+
+
+def test_criteria_writes_curves(folder):
+    assert s.main("criteria m.json --duration 200 --trials 40 --json c.json "
+                  "--plot c.png".split()) == 0
+    result = json.loads(pathlib.Path("c.json").read_text())
+    assert set(result["rsd"]) == {"random_walk.sigma_w", "random_walk.sigma_v", "markov.tau_m",
+                                  "markov.sigma_m"}
+    assert len(result["time"]) == len(result["error_probability"]["calculated"])
+
+
+@pytest.mark.parametrize("line, message", [
+    ("identify none.csv", "none.csv: no such file"),
+    ("identify r.npz --column nope", "no column 'nope' among error, dt"),
+    ("identify r.npz --model none.json", "no such model file"),
+    ("identify r.npz --dt -1", "sampling interval is -1.0 s"),
+    ("identify r.npz --hypotheses sine", "unknown hypothesis 'sine'"),
+    ("identify r.npz --model m.json --dt 0.5", "but the model is for dt = 1 s"),
+    ("identify r.npz --json no/such/o.json", "cannot be written"),
+    ("identify r.npz --plot p.xyz", "pictures of kind .xyz"),
+    ("criteria m.json --duration -5", "0 < dt <= duration"),
+    ("criteria m.json --duration 50 --trials 1", "at least 2"),
+    ("simulate m.json --samples 0 --out s.npz", "at least 1"),
+])
+def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, message):
+    before = sorted(os.listdir())
+    assert s.main(line.split()) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert sorted(os.listdir()) == before
+
+
+@pytest.mark.parametrize("line", ["", "identify", "guess r.npz", "simulate m.json --out s.npz",
+                                  "criteria m.json --duration long"])
+def test_a_bad_command_gets_one_line(folder, capsys, line):
+    with pytest.raises(SystemExit) as stop:
+        s.main(line.split())
+    assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_module_works_when_copied_alone(tmp_path):
+    shutil.copy(s.__file__, tmp_path)
+    y = s.simulate([s.hypothesis("random_walk", sigma_w=0.1)], 1.0, 300, 1).error[0]
+    np.savetxt(tmp_path / "r.csv", np.column_stack([np.arange(300), y]), delimiter=",",
+               header="time,error", comments="")
+    done = subprocess.run([sys.executable, "-m", "sensorid", "identify", "r.csv"], cwd=tmp_path,
+                          capture_output=True, text=True,
+                          env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"})
+    assert done.returncode == 0 and "random_walk" in done.stdout, done.stderr
+
+
+def test_a_real_gyro_is_identified(real, tmp_path, monkeypatch, capsys):
+    run = np.load(real / "adis16405_run1.npz")
+    monkeypatch.chdir(tmp_path)
+    np.savez("gy.npz", error=run["gyro_counts"][1] * float(run["gyro_lsb"]), dt=0.01)
+    assert s.main("identify gy.npz --json o.json".split()) == 0
+    result = json.loads(pathlib.Path("o.json").read_text())
+    assert result["decision"] == "markov"
+    assert "no hypothesis describes this record" in capsys.readouterr().out    # low-passed

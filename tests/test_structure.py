@@ -1,0 +1,122 @@
+"""The module reads top to bottom, its examples are true, the figures and the README run."""
+
+import builtins
+import dis
+import doctest
+import pathlib
+import re
+import subprocess
+import sys
+import types
+
+import numpy as np
+import pytest
+
+import figures
+import sensorid
+from figures import fig1, identification, table
+
+ROOT = pathlib.Path(sensorid.__file__).parent
+SOURCE = pathlib.Path(sensorid.__file__).read_text()
+
+
+def global_names(code):
+    """Names that a compiled module or function looks up outside itself, all levels."""
+    names = {i.argval for i in dis.get_instructions(code)
+             if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            names |= global_names(constant)
+    return names
+
+
+def stored_names(code):
+    names = {i.argval for i in dis.get_instructions(code)
+             if i.opname in ("STORE_NAME", "STORE_GLOBAL")}
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            names |= stored_names(constant)
+    return names
+
+
+BANNERS = [m.start() for m in re.finditer(r"^# ---- \d", SOURCE, re.M)]
+
+
+@pytest.mark.parametrize("end", [*BANNERS[1:], len(SOURCE)])
+def test_a_section_calls_only_sections_above_it(end):
+    code = compile(SOURCE[:end], "part", "exec")
+    known = stored_names(code) | set(dir(builtins)) | {"__name__", "__module__", "__qualname__"}
+    assert global_names(code) <= known
+
+
+def test_examples_in_the_docstrings_are_true():
+    result = doctest.testmod(sensorid)
+    assert result.attempted > 10 and result.failed == 0
+
+
+def test_no_line_is_longer_than_88_columns():
+    for file in [ROOT / "sensorid.py", *ROOT.glob("figures/*.py"), *ROOT.glob("tests/*.py")]:
+        long = [i for i, line in enumerate(file.read_text().splitlines(), 1) if len(line) > 88]
+        assert not long, (file.name, long)
+
+
+@pytest.fixture
+def small(monkeypatch, tmp_path):
+    monkeypatch.setattr(figures, "size", dict(trials=32, dt=2.0, progress=None))
+    monkeypatch.setattr(figures, "OUTPUT", tmp_path)
+    return tmp_path
+
+
+def test_figures_draw_what_they_compute(small, capsys):
+    from figures.__main__ import NAMES
+    for name in NAMES.values():
+        __import__(f"figures.{name}")
+        getattr(figures, name).main()
+    drawn = {f.name for f in small.iterdir()}
+    expected = {f"fig{n}{panel}" for n in (1, 2, 3) for panel in "ab"} | {
+        "fig4", "fig5", "fig6", "audit"}
+    assert drawn == {f"{name}.{kind}" for name in expected for kind in ("png", "pdf")}
+    text = capsys.readouterr().out
+    for row in table.printed():
+        assert row.statement in text
+
+
+def test_allan_curves_cannot_tell_the_processes_apart_without_white_noise(small):
+    """Sec. 4.1: only the +1/2 slope is seen in Figure 1b below 30 s."""
+    for name, tau, _, expected in identification.allan_curves(fig1.EXAMPLES):
+        early = (tau >= 4.0) & (tau <= 10.0)
+        slope = np.polyfit(np.log(tau[early]), np.log(expected[early]), 1)[0]
+        assert 0.4 < slope < 0.55, name
+
+
+def test_rsd_of_scaled_priors_coincide(small):
+    """Sec. 4.2: the RSD for tau_m in r [1, 5] min is the same at times r t, Figure 4b."""
+    short, long = (sensorid.criteria([figures.case(1, (60.0 * r, 300.0 * r))[1]], 0.5 * r,
+                                     400.0 * r, 600, 7, times=[400.0 * r]).rsd[0]
+                   for r in (1, 5))
+    assert abs(short.calculated[0] - long.calculated[0]) < 1e-6
+
+
+def test_help_of_the_figures_names_them_all():
+    done = subprocess.run([sys.executable, "-m", "figures", "7"], cwd=ROOT, text=True,
+                          capture_output=True)
+    assert done.returncode == 2 and "no figure 7" in done.stderr
+
+
+README = (ROOT / "README.md").read_text()
+
+
+def test_the_readmes_example_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (example,) = re.findall(r"```python\n(.*?)```", README, re.S)
+    exec(compile(example, "README", "exec"), {})
+
+
+def test_the_readmes_commands_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (model,) = re.findall(r"```json\n(.*?)```", README, re.S)
+    pathlib.Path("model.json").write_text(model)
+    commands = re.findall(r"^python -m sensorid (.*)$", README, re.M)
+    assert {c.split()[0] for c in commands} == set(sensorid.COMMANDS)
+    for command in commands:
+        assert sensorid.main(command.replace("--trials 500", "--trials 20").split()) == 0
