@@ -1,7 +1,7 @@
 """Figures 1-6 of the paper and our own; `python -m figures` draws them.
 
-Every file has `compute` (no Matplotlib), `draw` (no statistics) and `main`. What they share
-stands here: the cases of Sec. 4, the style of the drawings, where they go.
+Every file has `compute` (no Matplotlib), `draw` (no statistics) and `main`. What they
+share stands here: the cases of Sec. 4, the style of the drawings, where they go.
 """
 
 import functools
@@ -23,21 +23,25 @@ COLOURS = "tab:red", "tab:green", "tab:blue", "black", "tab:orange"
 SEED = 1997
 DURATION = 2000.0    # s, Sec. 4
 BIAS_SIGMA = 1.0     # u; not printed in the paper, see the audit figure
-size = dict(trials=500, dt=0.1, progress=None)    # the paper's trials; dt: see the audit
+# the paper's trials; dt: see the audit
+size = dict(trials=500, dt=0.1, progress=None)
 
 
 def case(number, tau_m=(60.0, 1500.0), bias_sigma=BIAS_SIGMA, markov="markov"):
-    """The two hypotheses of Sec. 4 in case 1 (no white noise), 2 (known) or 3 (unknown)."""
+    """The two hypotheses of Sec. 4 in case 1 (no white noise), 2 (known) or 3
+    (unknown)."""
     white = {1: {}, 2: {"sigma_v": 0.5}, 3: {"sigma_v": (0.25, 1.0)}}[number]
     return (
-        sensorid.hypothesis("random_walk", bias_sigma=bias_sigma, sigma_w=(0.04, 0.15), **white),
+        sensorid.hypothesis("random_walk", bias_sigma=bias_sigma, sigma_w=(0.04, 0.15),
+                            **white),
         sensorid.hypothesis(markov, name="markov", bias_sigma=bias_sigma, tau_m=tau_m,
                             sigma_m=(0.5, 1.5), **white))
 
 
 @functools.cache
 def _criteria(number, trials, dt):
-    return sensorid.criteria(case(number), dt, DURATION, trials, SEED, progress=size["progress"])
+    return sensorid.criteria(case(number), dt, DURATION, trials, SEED,
+                             progress=size["progress"])
 
 
 def case_criteria(number):
@@ -51,11 +55,12 @@ def curve(criteria, label):
 
 
 def draw_pair(ax, time, c, colour, label):
-    """A criterion as the paper draws it: real solid, calculated dashed; shaded +- 1 s.e."""
+    """A criterion as the paper draws it: real solid, calculated dashed; shaded +- 1
+    s.e."""
     ax.plot(time, c.real, "-", color=colour, label=f"{label}, real")
     ax.plot(time, c.calculated, "--", color=colour, label=f"{label}, calculated")
-    ax.fill_between(time, c.real - c.real_se, c.real + c.real_se, color=colour, alpha=0.15,
-                    linewidth=0)
+    ax.fill_between(time, c.real - c.real_se, c.real + c.real_se, color=colour,
+                    alpha=0.15, linewidth=0)
 
 
 def save(fig, name):

@@ -12,12 +12,14 @@ NAMES = {**{str(n): f"fig{n}" for n in range(1, 7)}, "audit": "audit", "table": 
 
 
 def main(argv=None):
-    parser = argparse.ArgumentParser(prog="figures", description=figures.__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="figures", description=figures.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("which", nargs="*", metavar="FIGURE",
                         help=f"any of {', '.join(NAMES)}; all of them by default")
     parser.add_argument("--quick", action="store_true",
-                        help="a small version: 64 samples a case at 1 s instead of 500 at 0.1 s")
+                         help="a small version: 64 samples a case at 1 s instead of "
+                              "500 at 0.1 s")
     options = parser.parse_args(argv)
     unknown = [name for name in options.which if name not in NAMES]
     if unknown:
@@ -29,7 +31,8 @@ def main(argv=None):
     for name in options.which or NAMES:
         print(f"{name}: {time.perf_counter() - started:.0f} s", file=sys.stderr)
         importlib.import_module(f"figures.{NAMES[name]}").main()
-    print(f"{figures.OUTPUT}: {time.perf_counter() - started:.0f} s in all", file=sys.stderr)
+    print(f"{figures.OUTPUT}: {time.perf_counter() - started:.0f} s in all",
+          file=sys.stderr)
 
 
 if __name__ == "__main__":

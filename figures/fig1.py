@@ -1,5 +1,6 @@
-"""Figure 1. Case 1, no white noise. (a) Probability of the identification error; (b) Allan
-deviations of one sample of 2000 s for each of five models, with their expectations."""
+"""Figure 1. Case 1, no white noise. (a) Probability of the identification error; (b)
+Allan deviations of one sample of 2000 s for each of five models, with their
+expectations."""
 
 from figures import identification
 

@@ -1,9 +1,11 @@
-"""Figure 2. Case 2, white noise known. (a) Probability of the identification error; (b) Allan
-deviations of one sample of 2000 s for each of five models, with their expectations."""
+"""Figure 2. Case 2, white noise known. (a) Probability of the identification error; (b)
+Allan deviations of one sample of 2000 s for each of five models, with their
+expectations."""
 
 from figures import fig1, identification
 
-EXAMPLES = [(model, dict(parameters, sigma_v=0.5)) for model, parameters in fig1.EXAMPLES]
+EXAMPLES = [(model, dict(parameters, sigma_v=0.5))
+            for model, parameters in fig1.EXAMPLES]
 
 
 def main():

@@ -1,5 +1,6 @@
-"""Figure 3. Case 3, white noise unknown. (a) Probability of the identification error; (b) Allan
-deviations of one sample of 2000 s for each of four models, with their expectations."""
+"""Figure 3. Case 3, white noise unknown. (a) Probability of the identification error;
+(b) Allan deviations of one sample of 2000 s for each of four models, with their
+expectations."""
 
 from figures import identification
 

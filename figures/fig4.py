@@ -1,6 +1,7 @@
-"""Figure 4. Correlation time of the Markov process, three prior ranges in the ratio 1 : 5 : 25,
-no white noise. (a) RMS of the estimation error, s; (b) RSD against time over the mean of
-tau_m: the three curves become one, as Eq. (22) depends on time over tau_m alone."""
+"""Figure 4. Correlation time of the Markov process, three prior ranges in the ratio
+1 : 5 : 25, no white noise. (a) RMS of the estimation error, s; (b) RSD against time
+over the mean of tau_m: the three curves become one, as Eq. (22) depends on time over
+tau_m alone."""
 
 import functools
 

@@ -1,5 +1,5 @@
-"""Figure 5. Real and calculated RSD of the Markov process in the three cases: (a) correlation
-time; (b) standard deviation."""
+"""Figure 5. Real and calculated RSD of the Markov process in the three cases: (a)
+correlation time; (b) standard deviation."""
 
 import matplotlib.pyplot as plt
 
@@ -16,7 +16,8 @@ def draw_cases(ax, label):
     for colour, (number, name) in zip(figures.COLOURS, CASES.items()):
         c = figures.case_criteria(number)
         if label in c.labels:
-            figures.draw_pair(ax, c.time, figures.curve(c, label), colour, f"{number}: {name}")
+            figures.draw_pair(ax, c.time, figures.curve(c, label), colour,
+                              f"{number}: {name}")
     ax.set(xlabel="time, s", ylim=(0, None))
     ax.legend(fontsize="small")
 

@@ -1,7 +1,7 @@
 """pytest tests/bench_bank.py --benchmark-enable: the filter bank against slower twins.
 
-Results are compared before anything is timed. A round is one record of 500 samples through
-some nodes; `updates_per_second` in the extra info makes rows comparable.
+Results are compared before anything is timed. A round is one record of 500 samples
+through some nodes; `updates_per_second` in the extra info makes rows comparable.
 """
 
 import numpy as np
@@ -12,14 +12,16 @@ import naive
 import sensorid as s
 
 DT, N = 1.0, 500
-H = s.hypothesis("markov", tau_m=(60.0, 1500.0), sigma_m=(0.5, 1.5), sigma_v=(0.25, 1.0))
+H = s.hypothesis("markov", tau_m=(60.0, 1500.0), sigma_m=(0.5, 1.5),
+                 sigma_v=(0.25, 1.0))
 Y = s.simulate([H], DT, N, 256, seed=1).error
 THETA = s.uniform_grid(H, DT, 10).theta
 
 
 def ours(records, nodes):
     u = next(s.filter_bank(s.bank(H, DT, THETA[:nodes]), Y[:records], [N]))
-    return s.log_likelihood(1.0, u.count, u.chi2, u.score, u.information, u.log_det, (0.0, 1.0))
+    return s.log_likelihood(1.0, u.count, u.chi2, u.score, u.information, u.log_det,
+                            (0.0, 1.0))
 
 
 def reference(records, nodes):
@@ -39,8 +41,9 @@ def statsmodels(records, nodes):
     for column, theta in enumerate(THETA[:nodes]):
         Phi, Gamma, design, Psi, P0 = naive.markov(theta, DT, 1.0)
         for row in range(records):
-            model = MLEModel(Y[row], k_states=2, k_posdef=1, transition=Phi, selection=Gamma,
-                             design=design, state_cov=np.eye(1), obs_cov=Psi**2)
+            model = MLEModel(Y[row], k_states=2, k_posdef=1, transition=Phi,
+                             selection=Gamma, design=design, state_cov=np.eye(1),
+                             obs_cov=Psi**2)
             model.initialize_known(np.zeros(2), Phi @ P0 @ Phi.T + Gamma @ Gamma.T)
             model.ssm.tolerance = 0
             result[row, column] = model.loglike([])

@@ -1,7 +1,7 @@
 """Slow twins: the paper's equations in plain NumPy, written from the text alone.
 
-Nothing here comes from `sensorid`. States carry the bias, as in Eqs. (21)-(22); every node
-has full matrices; every step is taken for every node.
+Nothing here comes from `sensorid`. States carry the bias, as in Eqs. (21)-(22); every
+node has full matrices; every step is taken for every node.
 """
 
 import numpy as np
@@ -67,7 +67,8 @@ class Identification:
         """Eqs. (13), (14) for theta."""
         theta = np.array([node.theta for node in self.banks[k]])
         mean = self.mu[k] @ theta
-        return mean, np.einsum("j,ja,jb->ab", self.mu[k], theta, theta) - np.outer(mean, mean)
+        return mean, (np.einsum("j,ja,jb->ab", self.mu[k], theta, theta)
+                      - np.outer(mean, mean))
 
     def state(self, k):
         """Eqs. (13), (14) for x."""
@@ -79,7 +80,8 @@ class Identification:
 
 
 def covariance(Phi, Gamma, H, Psi, P0, n):
-    """Covariance of y_1 ... y_n by the definition: y is a matrix times all the noises."""
+    """Covariance of y_1 ... y_n by the definition: y is a matrix times all the
+    noises."""
     states, noises = Gamma.shape
     rows = np.zeros((n, states + n * noises))
     Phi_power = [np.linalg.matrix_power(Phi, i) for i in range(n + 1)]
@@ -94,6 +96,7 @@ def covariance(Phi, Gamma, H, Psi, P0, n):
 
 
 def allan_variance(omega, m):
-    """Half the mean square difference of neighbouring cluster means, clusters overlapping."""
+    """Half the mean square difference of neighbouring cluster means, clusters
+    overlapping."""
     means = np.array([np.mean(omega[i:i + m]) for i in range(len(omega) - m + 1)])
     return 0.5 * np.mean((means[m:] - means[:-m])**2)

@@ -11,8 +11,8 @@ import sensorid as s
     ("random_walk", (0.1, 0.5)), ("markov", (20.0, 1.0, 0.5))])
 def test_simulated_records_have_the_covariance_of_the_model(name, theta):
     h = s.hypothesis(name, bias_sigma=0.7, **dict(zip(
-        dict(random_walk=("sigma_w", "sigma_v"), markov=("tau_m", "sigma_m", "sigma_v"))[name],
-        theta)))
+        dict(random_walk=("sigma_w", "sigma_v"),
+             markov=("tau_m", "sigma_m", "sigma_v"))[name], theta)))
     L, n = 20000, 6
     y = s.simulate([h], 1.0, n, L, seed=4).error
     C = naive.covariance(*getattr(naive, name)(theta, 1.0, 0.7), n)
@@ -50,7 +50,8 @@ def test_a_user_adds_a_time_varying_hypothesis():
 
     def vibration(dt, sigma_g, sigma_v):
         """White noise of fixed level and a random gain of a known sway."""
-        return s.shaping_filter([[1.0]], [[0.0]], sway[:, None], sigma_v, P0=[[sigma_g**2]])
+        return s.shaping_filter([[1.0]], [[0.0]], sway[:, None], sigma_v,
+                                P0=[[sigma_g**2]])
 
     H = [s.hypothesis(vibration, sigma_g=(0.5, 2.0), sigma_v=(0.1, 1.0)),
          s.hypothesis("white_noise", sigma_v=(0.1, 1.0))]
@@ -63,13 +64,14 @@ def test_ready_hypotheses_simulate_and_identify_themselves():
     parameters = dict(
         white_noise=dict(sigma_v=(0.3, 3.0)), random_walk=dict(sigma_w=(0.3, 1.0)),
         markov=dict(tau_m=(3.0, 30.0), sigma_m=(5.0, 15.0), sigma_v=(0.01, 0.1)),
-        random_walk_markov=dict(sigma_w=(0.5, 2.0), tau_m=(1.0, 3.0), sigma_m=(10.0, 30.0)),
+        random_walk_markov=dict(sigma_w=(0.5, 2.0), tau_m=(1.0, 3.0),
+                                sigma_m=(10.0, 30.0)),
         two_markov=dict(tau_m=(1.0, 2.0), sigma_m=(5.0, 10.0), tau_n=(60.0, 120.0),
                         sigma_n=(50.0, 90.0)),
         rate_ramp=dict(slope=(0.1, 1.0), sigma_v=(0.5, 2.0)))
     assert set(parameters) == set(s.MODELS)
     H = [s.hypothesis(name, **p) for name, p in parameters.items()]
-    T = s.simulate(H, 1.0, 500, 10, seed=5)
+    T = s.simulate(H, 1.0, 400, 8, seed=5)
     answers = [s.identify(y, 1.0, H).probability.argmax() for y in T.error]
     assert len(set(T.hypothesis)) >= 5
     assert_array_equal(answers, T.hypothesis)
@@ -77,12 +79,14 @@ def test_ready_hypotheses_simulate_and_identify_themselves():
 
 @pytest.mark.parametrize("arguments, message", [
     (("walk", dict()), "unknown hypothesis 'walk': known are white_noise"),
-    (("random_walk", dict(sigma_w=(0.2, 0.1))), r"range \[0.2, 0.1\] .* is upside down"),
+    (("random_walk", dict(sigma_w=(0.2, 0.1))),
+     r"range \[0.2, 0.1\] .* is upside down"),
     (("random_walk", dict(sigma_v=1.0)), "sigma_w is not given"),
     (("random_walk", dict(sigma_w=1.0, tau=2.0)), "tau is none of them"),
     (("random_walk", dict(sigma_w=-1.0)), "must be >= 0"),
     (("markov", dict(sigma_m=1.0, tau_m=0.0)), "must be > 0"),
-    (("random_walk", dict(sigma_w="big")), "a number is needed|give a number or a range"),
+    (("random_walk", dict(sigma_w="big")),
+     "a number is needed|give a number or a range"),
     (("random_walk", dict(sigma_w=(1, 2, 3))), "give a number or a range"),
     (("random_walk", dict(sigma_w=(0.0, np.inf))), "must be finite"),
     (("random_walk", dict(sigma_w=(0.0, 1.0), prior="log")), "with a log prior"),

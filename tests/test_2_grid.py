@@ -33,7 +33,8 @@ def test_prior_mass_is_one_whatever_the_box_and_the_scale(number, prior):
 
 
 def test_scale_is_integrated_only_where_all_noises_are_free():
-    free = [s._scale_parameter(h, 1.0) is not None for n in (1, 2, 3) for h in paper_case(n)]
+    free = [s._scale_parameter(h, 1.0) is not None
+            for n in (1, 2, 3) for h in paper_case(n)]
     assert free == [True, True, False, False, True, True]
 
     def odd(dt, sigma_a):
@@ -47,5 +48,5 @@ def test_a_ramp_weighs_nodes_so_that_linear_functions_are_integrated():
     for edge in (0.0, 0.3, 0.77):
         w = np.array([s._ramp.py_func(x) for x in z - edge])
         w *= np.array([s._ramp.py_func(x) for x in 40.6 - z])
-        assert_allclose(w @ (2.0 + 3.0 * z), 2 * (40.6 - edge) + 1.5 * (40.6**2 - edge**2),
-                        rtol=1e-12)
+        assert_allclose(w @ (2.0 + 3.0 * z),
+                        2 * (40.6 - edge) + 1.5 * (40.6**2 - edge**2), rtol=1e-12)

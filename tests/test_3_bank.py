@@ -20,13 +20,14 @@ THETA = {
 def log_likelihoods(h, theta, dt, y, stops, bias_sigma=1.0):
     """(stops, C, M) from the module."""
     bank = s.bank(h, dt, np.array(theta))
-    return np.array([s.log_likelihood(1.0, u.count, u.chi2, u.score, u.information, u.log_det,
-                                      (0.0, bias_sigma**2))
+    return np.array([s.log_likelihood(1.0, u.count, u.chi2, u.score, u.information,
+                                      u.log_det, (0.0, bias_sigma**2))
                      for u in s.filter_bank(bank, y, stops)])
 
 
 def make(name, theta, bias_sigma=1.0):
-    symbols = dict(random_walk=("sigma_w", "sigma_v"), markov=("tau_m", "sigma_m", "sigma_v"))
+    symbols = dict(random_walk=("sigma_w", "sigma_v"),
+                   markov=("tau_m", "sigma_m", "sigma_v"))
     return s.hypothesis(name, bias_sigma=bias_sigma, **dict(zip(symbols[name], theta)))
 
 
@@ -56,7 +57,8 @@ def test_bank_equals_the_dense_gaussian(name):
     actual = log_likelihoods(h, THETA[name], 1.0, y, [60])[0]
     for column, theta in enumerate(THETA[name]):
         C = naive.covariance(*getattr(naive, name)(theta, 1.0, 1.0), 60)
-        assert_allclose(actual[:, column], multivariate_normal(cov=C).logpdf(y), rtol=1e-9)
+        assert_allclose(actual[:, column], multivariate_normal(cov=C).logpdf(y),
+                        rtol=1e-9)
 
 
 def test_bank_equals_statsmodels():
@@ -64,8 +66,8 @@ def test_bank_equals_statsmodels():
     theta = 30.0, 1.0, 0.5
     Phi, Gamma, H, Psi, P0 = naive.markov(theta, 1.0, 1.0)
     y = s.simulate([make("markov", theta)], 1.0, 2000, 1, seed=3).error
-    model = MLEModel(y[0], k_states=2, k_posdef=1, transition=Phi, selection=Gamma, design=H,
-                     state_cov=np.eye(1), obs_cov=Psi**2)
+    model = MLEModel(y[0], k_states=2, k_posdef=1, transition=Phi, selection=Gamma,
+                     design=H, state_cov=np.eye(1), obs_cov=Psi**2)
     model.initialize_known(np.zeros(2), Phi @ P0 @ Phi.T + Gamma @ Gamma.T)
     model.ssm.tolerance = 0
     actual = log_likelihoods(make("markov", theta), [theta], 1.0, y, [2000])
@@ -73,7 +75,8 @@ def test_bank_equals_statsmodels():
 
 
 def test_general_kernel_equals_the_dense_gaussian():
-    h = s.hypothesis("two_markov", tau_m=20.0, sigma_m=1.0, tau_n=3.0, sigma_n=0.5, sigma_v=0.2)
+    h = s.hypothesis("two_markov", tau_m=20.0, sigma_m=1.0, tau_n=3.0, sigma_n=0.5,
+                     sigma_v=0.2)
     theta = [p.low for p in h.parameters]
     f = h.model(1.0, *theta)
     y = s.simulate([h], 1.0, 50, 5, seed=4).error
@@ -81,21 +84,26 @@ def test_general_kernel_equals_the_dense_gaussian():
     seen = ~np.isnan(y[0])
     C = 1.0 + naive.covariance(f.Phi[0], f.Gamma[0], f.H, f.Psi[:, None], f.P0, 50)
     expected = multivariate_normal(cov=C[np.ix_(seen, seen)]).logpdf(y[:, seen])
-    assert_allclose(log_likelihoods(h, [theta], 1.0, y, [9, 50])[1, :, 0], expected, rtol=1e-9)
+    assert_allclose(log_likelihoods(h, [theta], 1.0, y, [9, 50])[1, :, 0], expected,
+                    rtol=1e-9)
 
 
 def test_general_kernel_follows_matrices_that_vary_with_time():
     rng = np.random.default_rng(5)
     n = 30
     Phi, Gamma = rng.uniform(-0.5, 0.9, (n, 2, 2)), rng.uniform(0.1, 1, (n, 2, 1))
-    H, Psi, m0, P0 = rng.normal(size=(n, 2)), rng.uniform(0.2, 1, n), [1.0, -2.0], np.diag([1, 2.0])
-    h = s.hypothesis(lambda dt: s.shaping_filter(Phi, Gamma, H, Psi, m0, P0), name="moving")
+    H, Psi, m0, P0 = (rng.normal(size=(n, 2)), rng.uniform(0.2, 1, n), [1.0, -2.0],
+                      np.diag([1, 2.0]))
+    h = s.hypothesis(lambda dt: s.shaping_filter(Phi, Gamma, H, Psi, m0, P0),
+                     name="moving")
     y = s.simulate([h], 1.0, n, 2, seed=6).error
     actual = log_likelihoods(h, np.empty((1, 0)), 1.0, y, [7, n])[-1]
     for record in range(2):
-        x, P, total = np.array([*m0, 0.0]), np.diag([1.0, 2.0, 1.0]), 0.0    # the bias last
+        # the bias last
+        x, P, total = np.array([*m0, 0.0]), np.diag([1.0, 2.0, 1.0]), 0.0
         for i in range(n):
-            F, G, h_i = np.eye(3), np.vstack([Gamma[i], [[0.0]]]), np.array([*H[i], 1.0])
+            F, G, h_i = (np.eye(3), np.vstack([Gamma[i], [[0.0]]]),
+                         np.array([*H[i], 1.0]))
             F[:2, :2] = Phi[i]
             x, P = F @ x, F @ P @ F.T + G @ G.T
             f, nu = h_i @ P @ h_i + Psi[i]**2, y[record, i] - h_i @ x
@@ -114,11 +122,13 @@ def test_the_three_kernels_agree_also_after_gains_have_converged():
 
     def general(dt, tau_m, sigma_m, sigma_v):    # an idle second state
         m = s.markov(dt, tau_m, sigma_m, sigma_v)
-        return s.shaping_filter(np.diag([m.Phi[0, 0, 0], 0.0]), [[m.Gamma[0, 0, 0]], [0.0]],
-                                [1.0, 0.0], sigma_v, P0=np.diag([sigma_m**2, 0.0]))
+        return s.shaping_filter(np.diag([m.Phi[0, 0, 0], 0.0]),
+                                [[m.Gamma[0, 0, 0]], [0.0]], [1.0, 0.0], sigma_v,
+                                P0=np.diag([sigma_m**2, 0.0]))
 
     g = s.hypothesis(general, tau_m=30.0, sigma_m=1.0, sigma_v=0.5)
-    assert_allclose(log_likelihoods(g, theta, 1.0, y, [15000, 20001]), record, rtol=1e-11)
+    assert_allclose(log_likelihoods(g, theta, 1.0, y, [15000, 20001]), record,
+                    rtol=1e-11)
 
 
 def test_results_are_the_same_bits_for_any_stops_trials_and_threads(tmp_path):
@@ -132,26 +142,32 @@ def test_results_are_the_same_bits_for_any_stops_trials_and_threads(tmp_path):
     assert_array_equal(part.chi2, next(s.filter_bank(bank, y, [700])).chi2[40:45])
     assert_allclose(whole.chi2[40:45], part.chi2, rtol=1e-13)
     code = ("import numpy as np, sensorid as s, conftest\n"
-            "h = conftest.paper_case(3)\ny = s.simulate(h, 0.1, 700, 70, seed=8).error\n"
+            "h = conftest.paper_case(3)\n"
+            "y = s.simulate(h, 0.1, 700, 70, seed=8).error\n"
             "g = s.grid(h[1], 0.1, 9)\n"
             "u = next(s.filter_bank(s.bank(h[1], 0.1, g.theta), y, [700]))\n"
             f"np.save({str(tmp_path / 'one.npy')!r}, u.chi2)\n")
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=os.path.dirname(__file__),
+    subprocess.run([sys.executable, "-c", code], check=True,
+                   cwd=os.path.dirname(__file__),
                    env={**os.environ, "NUMBA_NUM_THREADS": "1"})
-    assert_array_equal(np.load(tmp_path / "one.npy"), next(s.filter_bank(bank, y, [700])).chi2)
+    assert_array_equal(np.load(tmp_path / "one.npy"),
+                       next(s.filter_bank(bank, y, [700])).chi2)
 
 
 def test_kernels_run_as_plain_python():
     code = ("import numpy as np, sensorid as s\n"
-            "h = s.hypothesis('markov', tau_m=(6, 50), sigma_m=(0.5, 1.5), sigma_v=(0.25, 1))\n"
+            "h = s.hypothesis('markov', tau_m=(6, 50), sigma_m=(0.5, 1.5), "
+            "sigma_v=(0.25, 1))\n"
             "y = s.simulate([h], 1.0, 20, 1, seed=1).error[0]\n"
             "g = s.grid(h, 1.0, 3)\n"
             "u = next(s.filter_bank(s.bank(h, 1.0, g.theta), y[None], [20]))\n"
             "print(repr(u.chi2[0, 4]))\n")
-    outputs = [subprocess.run([sys.executable, "-c", code], check=True, capture_output=True,
-                              text=True, env={**os.environ, "NUMBA_DISABLE_JIT": flag}).stdout
+    outputs = [subprocess.run([sys.executable, "-c", code], check=True,
+                              capture_output=True, text=True,
+                              env={**os.environ, "NUMBA_DISABLE_JIT": flag}).stdout
                for flag in "01"]
-    numbers = [float(text.strip().removeprefix("np.float64(").rstrip(")")) for text in outputs]
+    numbers = [float(text.strip().removeprefix("np.float64(").rstrip(")"))
+               for text in outputs]
     assert_allclose(*numbers, rtol=1e-12)
 
 

@@ -34,8 +34,8 @@ def test_posterior_on_the_papers_grid_equals_the_reference_implementation(number
         u = next(s.filter_bank(s.bank(h, 1.0, g.theta), y, [60]))
         p = g.theta.shape[1]
         evidence, mean, cov = s._posteriors(
-            u.count, u.chi2.copy(), u.score.copy(), s._node_columns(g, u), g.limits, g.power,
-            (0.0, 1.0), g.theta, np.zeros(p))
+            u.count, u.chi2.copy(), u.score.copy(), s._node_columns(g, u), g.limits,
+            g.power, (0.0, 1.0), g.theta, np.zeros(p))
         evidences.append(evidence[0])
         naive_mean, naive_cov = expected.parameters(k)
         assert_allclose(mean[0], naive_mean[:p], rtol=1e-9)
@@ -65,7 +65,8 @@ def dense(h, dt, Y, nodes):
 
 
 @pytest.mark.parametrize("number, samples, nodes", [
-    (1, 300, {1: 4000, 2: 400}), (2, 1000, {1: 4000, 2: 250}), (3, 1000, {2: 400, 3: 75})])
+    (1, 300, {1: 4000, 2: 400}), (2, 1000, {1: 4000, 2: 250}),
+    (3, 1000, {2: 400, 3: 75})])
 def test_zoomed_posterior_equals_a_dense_grid(number, samples, nodes):
     H = paper_case(number)
     Y = s.simulate(H, 0.1, samples, 12, seed=20 + number).error
@@ -86,13 +87,14 @@ def test_zoomed_posterior_equals_a_dense_grid(number, samples, nodes):
     (3, 2.0, 0.5, 0.7), (40, 9.0, 3.0, 20.0), (5000, 1200.0, 11.0, 3.0),
     (200, 900.0, -4.0, 1.0), (200, 2.0, 0.1, 1.0)])
 @pytest.mark.parametrize("bias", [(0.0, 1.0), (-3.0, 100.0), (0.2, 0.0)])
-def test_scale_integral_equals_adaptive_quadrature(count, chi2, score, information, bias):
+def test_scale_integral_equals_adaptive_quadrature(count, chi2, score, information,
+                                                   bias):
     low, high, power = np.log(0.25), np.log(1.0), 2.0
     u = np.linspace(low, high, 4001)
 
     def f(x):
-        return power * x + s.log_likelihood(np.exp(2 * x), count, chi2, score, information,
-                                            0.3, bias)
+        return power * x + s.log_likelihood(np.exp(2 * x), count, chi2, score,
+                                            information, 0.3, bias)
 
     top = f(u).max()
     peak = u[f(u).argmax()]
@@ -112,7 +114,8 @@ def test_point_masses_have_the_moments_of_the_estimate():
         mean = e.weight @ e.theta
         assert_allclose(mean, e.mean, rtol=1e-8)
         away = e.theta - mean
-        assert_allclose(np.einsum("j,ja,jb", e.weight, away, away), e.covariance, rtol=1e-6)
+        assert_allclose(np.einsum("j,ja,jb", e.weight, away, away), e.covariance,
+                        rtol=1e-6)
 
 
 def test_state_equals_the_reference_implementation():
@@ -154,7 +157,8 @@ def test_a_coarse_answer_is_not_silent():
 @pytest.mark.parametrize("y, dt, message", [
     (np.zeros(100), 1.0, "is constant"), (np.arange(5.0), 1.0, "has 5 samples"),
     (np.arange(100.0), -1.0, "sampling interval is -1.0 s"),
-    (np.full(100, np.inf), 1.0, "infinite values"), (np.zeros((3, 50)), 1.0, "has shape"),
+    (np.full(100, np.inf), 1.0, "infinite values"),
+    (np.zeros((3, 50)), 1.0, "has shape"),
     (np.r_[np.arange(9.0), np.full(50, np.nan)], 1.0, "has 9 samples")])
 def test_a_useless_record_is_refused(y, dt, message):
     with pytest.raises(ValueError, match=message):

@@ -17,7 +17,8 @@ def test_allan_variance_equals_the_definition():
 def test_allan_deviation_equals_allantools():
     omega = np.random.default_rng(2).normal(size=5000).cumsum() + 1e3
     tau, adev = s.allan_deviation(omega, 0.01, per_octave=3)
-    taus, expected, _, _ = allantools.oadev(omega, rate=100.0, data_type="freq", taus=tau)
+    taus, expected, _, _ = allantools.oadev(omega, rate=100.0, data_type="freq",
+                                            taus=tau)
     assert_allclose(taus, tau, rtol=1e-9)
     assert_allclose(adev, expected, rtol=1e-8)
 

@@ -11,13 +11,14 @@ Y = np.random.default_rng(1).normal(size=40)
 
 
 def csv(path, columns, header=None):
-    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", fmt="%.10g",
-               header=header or ",".join(columns), comments="")
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",",
+               fmt="%.10g", header=header or ",".join(columns), comments="")
     return path
 
 
 def test_every_format_gives_the_same_record(tmp_path):
-    csv(tmp_path / "a.csv", dict(temperature=Y * 0, error=Y, time=np.arange(40) * 0.02 + 7))
+    csv(tmp_path / "a.csv",
+        dict(temperature=Y * 0, error=Y, time=np.arange(40) * 0.02 + 7))
     (tmp_path / "b.csv").write_text("\ufeff# a gyro\n\"time\";\"error\"\n" + "".join(
         f"{0.02 * i:.4f};{v:.10f}\n" for i, v in enumerate(Y)))
     np.savez(tmp_path / "c.npz", error=Y, dt=0.02)
@@ -42,7 +43,8 @@ def test_empty_cells_are_missing_where_that_is_allowed(tmp_path):
     file = tmp_path / "r.csv"
     file.write_text("time,error\n" + "".join(
         f"{i},{'' if i == 7 else i % 5}\n" for i in range(30)))
-    with pytest.raises(ValueError, match="1 NaN or empty values, the first at sample 7"):
+    with pytest.raises(ValueError,
+                       match="1 NaN or empty values, the first at sample 7"):
         s.read_record(file)
     assert np.isnan(s.read_record(file, allow_missing=True).error[7])
 
@@ -68,7 +70,8 @@ def test_an_uneven_record_is_refused_or_resampled(tmp_path):
     ("time,error\n0,1\n", "1 samples"),
     ("time,error\n0,1\n1,2\n", "2 samples"),
     ("time,error\n" + "".join(f"{i},3\n" for i in range(50)), r"is constant \(3\)"),
-    ("time,error\n" + "".join(f"{50 - i},{i}\n" for i in range(50)), "does not increase"),
+    ("time,error\n" + "".join(f"{50 - i},{i}\n" for i in range(50)),
+     "does not increase"),
     ("time,error\n" + "".join(f"{i},{'inf' if i == 9 else i}\n" for i in range(50)),
      "1 infinite values, the first at sample 9"),
     ("time,error\n" + "".join(f"{i},{'nan' if i == 9 else i}\n" for i in range(50)),
@@ -88,8 +91,17 @@ def test_other_bad_files_get_one_sentence(tmp_path):
         with pytest.raises(ValueError, match="cannot be read as"):
             s.read_record(tmp_path / name)
     np.savez(tmp_path / "d.npz", error=np.zeros((3, 50)), dt=1.0)
-    with pytest.raises(ValueError, match=r"shape \(3, 50\)"):
+    with pytest.raises(ValueError, match=r"shape \(3, 50\).*error\[0\]"):
         s.read_record(tmp_path / "d.npz")
+    with pytest.raises(ValueError, match="rows 0 to 2, not 3"):
+        s.read_record(tmp_path / "d.npz", "error[3]")
+
+
+def test_a_row_of_an_array_is_a_record(tmp_path):
+    np.savez(tmp_path / "r.npz", gyro=np.stack([Y, 2 * Y]), dt=1.0)
+    assert_array_equal(s.read_record(tmp_path / "r.npz", "gyro[1]").error, 2 * Y)
+    np.savez(tmp_path / "s.npz", error=Y[None], dt=1.0)
+    assert_array_equal(s.read_record(tmp_path / "s.npz").error, Y)
 
 
 MODEL = dict(dt=0.5, unit="deg/h", bias_sigma=2.0, hypotheses=[
@@ -109,9 +121,11 @@ def test_a_model_file_survives_writing_and_reading(tmp_path):
 
 @pytest.mark.parametrize("change, message", [
     ("{", "not a JSON model file"), ("[]", "no hypotheses"), ("{}", "no hypotheses"),
-    (dict(hypotheses=[]), "no hypotheses"), (dict(hypotheses="markov"), "must be a list"),
+    (dict(hypotheses=[]), "no hypotheses"),
+    (dict(hypotheses="markov"), "must be a list"),
     (dict(dt=-1), "dt is -1 s"), (dict(dt=None), "dt is None: a number is needed"),
-    (dict(hypotheses=[dict(name="sinus", parameters={})]), "unknown hypothesis 'sinus'"),
+    (dict(hypotheses=[dict(name="sinus", parameters={})]),
+     "unknown hypothesis 'sinus'"),
     (dict(hypotheses=[dict(parameters={})]), "a name and parameters are needed"),
     (dict(hypotheses=[dict(name="white_noise", parameters=dict(sigma_v=[2, 1]))]),
      "upside down"),
@@ -127,7 +141,8 @@ def test_a_bad_model_file_gets_one_sentence(tmp_path, change, message):
 
 def test_default_priors_hold_the_truth_of_very_different_sensors():
     for unit in (1e-9, 1.0, 1e5):
-        h = s.hypothesis("markov", tau_m=30.0, sigma_m=unit, sigma_v=2.0 * unit, bias_sigma=unit)
+        h = s.hypothesis("markov", tau_m=30.0, sigma_m=unit, sigma_v=2.0 * unit,
+                         bias_sigma=unit)
         y = s.simulate([h], 0.01, 20000, 1, seed=1).error[0]
         H = s.default_hypotheses(y, 0.01)
         for truth, p in zip((30.0, unit, 2.0 * unit), H[2].parameters):

@@ -11,7 +11,8 @@ import pytest
 import sensorid as s
 
 MODEL = {"dt": 1.0, "bias_sigma": 1.0, "hypotheses": [
-    {"name": "random_walk", "parameters": {"sigma_w": [0.04, 0.15], "sigma_v": [0.25, 1.0]}},
+    {"name": "random_walk", "parameters": {"sigma_w": [0.04, 0.15],
+                                           "sigma_v": [0.25, 1.0]}},
     {"name": "markov", "parameters": {"tau_m": [60, 1500], "sigma_m": [0.5, 1.5],
                                       "sigma_v": 0.5}}]}
 
@@ -21,7 +22,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "m.json").write_text(json.dumps(MODEL))
     h = s.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)
-    np.savez("r.npz", error=s.simulate([h], 1.0, 3000, 1, seed=1).error[0], dt=1.0)
+    np.savez("r.npz", error=s.simulate([h], 1.0, 20000, 1, seed=1).error[0], dt=1.0)
     return tmp_path
 
 
@@ -33,13 +34,14 @@ def test_identify_names_the_model_and_writes_what_it_says(folder, capsys):
     best = result["hypotheses"][0]
     assert abs(best["parameters"]["sigma_w"]["mean"] - 0.1) < 4 * best["parameters"][
         "sigma_w"]["sd"]
-    assert best["matrices"]["Phi"] == [[1, 0], [0, 1]] and best["matrices"]["H"] == [1, 1]
+    assert (best["matrices"]["Phi"] == [[1, 0], [0, 1]]
+            and best["matrices"]["H"] == [1, 1])
     assert best["matrices"]["Gamma"][0][0] == best["parameters"]["sigma_w"]["mean"]
     assert abs(sum(h["probability"] for h in result["hypotheses"]) - 1) < 1e-9
     assert pathlib.Path("p.png").read_bytes()[:4] == b"\x89PNG"
     assert "random_walk" in capsys.readouterr().out
     assert s.main("simulate b.json --like r.npz --records 2 --out s.npz".split()) == 0
-    assert np.load("s.npz")["error"].shape == (2, 3000)
+    assert np.load("s.npz")["error"].shape == (2, 20000)
 
 
 def test_a_record_that_no_hypothesis_describes_is_told(folder, capsys):
@@ -56,8 +58,8 @@ def test_criteria_writes_curves(folder):
     assert s.main("criteria m.json --duration 200 --trials 40 --json c.json "
                   "--plot c.png".split()) == 0
     result = json.loads(pathlib.Path("c.json").read_text())
-    assert set(result["rsd"]) == {"random_walk.sigma_w", "random_walk.sigma_v", "markov.tau_m",
-                                  "markov.sigma_m"}
+    assert set(result["rsd"]) == {"random_walk.sigma_w", "random_walk.sigma_v",
+                                  "markov.tau_m", "markov.sigma_m"}
     assert len(result["time"]) == len(result["error_probability"]["calculated"])
 
 
@@ -82,7 +84,8 @@ def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, messag
     assert sorted(os.listdir()) == before
 
 
-@pytest.mark.parametrize("line", ["", "identify", "guess r.npz", "simulate m.json --out s.npz",
+@pytest.mark.parametrize("line", ["", "identify", "guess r.npz",
+                                  "simulate m.json --out s.npz",
                                   "criteria m.json --duration long"])
 def test_a_bad_command_gets_one_line(folder, capsys, line):
     with pytest.raises(SystemExit) as stop:
@@ -95,9 +98,10 @@ def test_the_module_works_when_copied_alone(tmp_path):
     y = s.simulate([s.hypothesis("random_walk", sigma_w=0.1)], 1.0, 300, 1).error[0]
     np.savetxt(tmp_path / "r.csv", np.column_stack([np.arange(300), y]), delimiter=",",
                header="time,error", comments="")
-    done = subprocess.run([sys.executable, "-m", "sensorid", "identify", "r.csv"], cwd=tmp_path,
-                          capture_output=True, text=True,
-                          env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"})
+    done = subprocess.run([sys.executable, "-m", "sensorid", "identify", "r.csv"],
+                          cwd=tmp_path, capture_output=True, text=True,
+                          env={k: v for k, v in os.environ.items()
+                               if k != "PYTHONPATH"})
     assert done.returncode == 0 and "random_walk" in done.stdout, done.stderr
 
 
@@ -108,4 +112,5 @@ def test_a_real_gyro_is_identified(real, tmp_path, monkeypatch, capsys):
     assert s.main("identify gy.npz --json o.json".split()) == 0
     result = json.loads(pathlib.Path("o.json").read_text())
     assert result["decision"] == "markov"
-    assert "no hypothesis describes this record" in capsys.readouterr().out    # low-passed
+    # low-passed
+    assert "no hypothesis describes this record" in capsys.readouterr().out

@@ -1,4 +1,5 @@
-"""The module reads top to bottom, its examples are true, the figures and the README run."""
+"""The module reads top to bottom, its examples are true, the figures and the README
+run."""
 
 import builtins
 import dis
@@ -45,7 +46,8 @@ BANNERS = [m.start() for m in re.finditer(r"^# ---- \d", SOURCE, re.M)]
 @pytest.mark.parametrize("end", [*BANNERS[1:], len(SOURCE)])
 def test_a_section_calls_only_sections_above_it(end):
     code = compile(SOURCE[:end], "part", "exec")
-    known = stored_names(code) | set(dir(builtins)) | {"__name__", "__module__", "__qualname__"}
+    known = (stored_names(code) | set(dir(builtins))
+             | {"__name__", "__annotations__"})
     assert global_names(code) <= known
 
 
@@ -55,14 +57,16 @@ def test_examples_in_the_docstrings_are_true():
 
 
 def test_no_line_is_longer_than_88_columns():
-    for file in [ROOT / "sensorid.py", *ROOT.glob("figures/*.py"), *ROOT.glob("tests/*.py")]:
-        long = [i for i, line in enumerate(file.read_text().splitlines(), 1) if len(line) > 88]
+    for file in [ROOT / "sensorid.py", *ROOT.glob("figures/*.py"),
+                 *ROOT.glob("tests/*.py")]:
+        long = [i for i, line in enumerate(file.read_text().splitlines(), 1)
+                if len(line) > 88]
         assert not long, (file.name, long)
 
 
 @pytest.fixture
 def small(monkeypatch, tmp_path):
-    monkeypatch.setattr(figures, "size", dict(trials=32, dt=2.0, progress=None))
+    monkeypatch.setattr(figures, "size", dict(trials=32, dt=1.0, progress=None))
     monkeypatch.setattr(figures, "OUTPUT", tmp_path)
     return tmp_path
 
@@ -84,15 +88,17 @@ def test_figures_draw_what_they_compute(small, capsys):
 def test_allan_curves_cannot_tell_the_processes_apart_without_white_noise(small):
     """Sec. 4.1: only the +1/2 slope is seen in Figure 1b below 30 s."""
     for name, tau, _, expected in identification.allan_curves(fig1.EXAMPLES):
-        early = (tau >= 4.0) & (tau <= 10.0)
+        early = (tau >= 4.0) & (tau <= 6.0)
         slope = np.polyfit(np.log(tau[early]), np.log(expected[early]), 1)[0]
         assert 0.4 < slope < 0.55, name
 
 
 def test_rsd_of_scaled_priors_coincide(small):
-    """Sec. 4.2: the RSD for tau_m in r [1, 5] min is the same at times r t, Figure 4b."""
-    short, long = (sensorid.criteria([figures.case(1, (60.0 * r, 300.0 * r))[1]], 0.5 * r,
-                                     400.0 * r, 600, 7, times=[400.0 * r]).rsd[0]
+    """Sec. 4.2: the RSD for tau_m in r [1, 5] min is the same at times r t, Figure
+    4b."""
+    short, long = (sensorid.criteria([figures.case(1, (60.0 * r, 300.0 * r))[1]],
+                                     0.5 * r, 400.0 * r, 600, 7,
+                                     times=[400.0 * r]).rsd[0]
                    for r in (1, 5))
     assert abs(short.calculated[0] - long.calculated[0]) < 1e-6
 
@@ -119,4 +125,5 @@ def test_the_readmes_commands_run(tmp_path, monkeypatch):
     commands = re.findall(r"^python -m sensorid (.*)$", README, re.M)
     assert {c.split()[0] for c in commands} == set(sensorid.COMMANDS)
     for command in commands:
-        assert sensorid.main(command.replace("--trials 500", "--trials 20").split()) == 0
+        assert sensorid.main(
+            command.replace("--trials 500", "--trials 20").split()) == 0
