@@ -2408,16 +2408,19 @@ def _criteria_command(options):
         for ax, curves in ((left, [("error probability", error)]),
                            (right, list(zip(result.labels, result.rsd)))):
             for number, (label, c) in enumerate(curves):
-                ax.plot(result.time, c.real, "-", color=f"C{number}",
-                        label=f"{label}, real")
-                ax.plot(result.time, c.calculated, "--", color=f"C{number}",
-                        label=f"{label}, calculated")
+                color = f"C{number}"
+                ax.plot(result.time, c.real, "-", color=color, label=label)
+                ax.plot(result.time, c.calculated, "--", color=color)
                 ax.fill_between(result.time, c.real - c.real_se, c.real + c.real_se,
-                                color=f"C{number}", alpha=0.2, linewidth=0)
-            ax.set(xlabel="time, s", ylim=(0, None))
-            if curves:
-                ax.legend(frameon=False, fontsize="small")
+                                color=color, alpha=0.2, linewidth=0)
+            ax.plot([], [], "-", color="0.4", label="real, +- standard error")
+            ax.plot([], [], "--", color="0.4", label="calculated")
+            ax.set_xlabel("time, s")
+            ax.legend(frameon=False, fontsize="small", loc="upper right",
+                      ncols=1 + (len(curves) > 3))
             ax.grid(True, alpha=0.3)
+            ax.margins(y=0.25 if len(curves) > 3 else 0.05)
+            ax.set_ylim(bottom=0)
         left.set_ylabel("identification error probability")
         right.set_ylabel("relative standard deviation")
         _save(fig, options.plot)
