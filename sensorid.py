@@ -34,7 +34,7 @@ import json
 import os
 import pathlib
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from typing import Callable, NamedTuple
 
 import numpy as np
@@ -46,7 +46,11 @@ else:
 
 __version__ = "0.1.0"
 
-JIT = dict(cache=True, error_model="numpy", fastmath={"contract"})
+try:
+    CACHE = bool(njit(cache=True)(lambda: None))
+except RuntimeError:    # neither this folder nor the user's own cache can be written
+    CACHE = False
+JIT = dict(cache=CACHE, error_model="numpy", fastmath={"contract"})
 LOG_2PI = np.log(2.0 * np.pi)
 
 
@@ -1146,6 +1150,7 @@ class Estimate(NamedTuple):
     theta: np.ndarray            # (M, p) point masses
     weight: np.ndarray           # (M,) mu^kj, sum to 1
     nodes_per_sd: np.ndarray     # (d,) along each axis of the last grid
+    updates: int                 # filter steps that it took, all grids together
 
 
 class Posterior(NamedTuple):
@@ -1235,9 +1240,10 @@ def resolve(h, dt, y, max_nodes=60000):
     record = (y - offset)[None]
     d = len(prior_box(h, dt).low)
     nodes = [1, 24, 16, 12, 10, 8, 6][min(d, 6)]
-    box = prior_box(h, dt)
+    box, updates = prior_box(h, dt), 0
     for _ in range(MAX_ZOOMS):
         g = grid(h, dt, nodes, box)
+        updates += g.log_prior.size * len(y)
         sums = next(filter_bank(bank(h, dt, g.theta), record, [len(y)]))
         mass, first, second = _node_mass(
             sums.count, sums.chi2[0].copy(), sums.score[0].copy(),
@@ -1260,7 +1266,8 @@ def resolve(h, dt, y, max_nodes=60000):
         nodes_per_sd = 0.0 * nodes_per_sd
     p = len(h.parameters)
     theta, weight = _point_masses(g, mass, first, second)
-    return Estimate(h, log_evidence, mean[:p], cov[:p, :p], theta, weight, nodes_per_sd)
+    return Estimate(h, log_evidence, mean[:p], cov[:p, :p], theta, weight, nodes_per_sd,
+                    updates)
 
 
 def _point_masses(g, mass, first, second):
@@ -1553,8 +1560,10 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     grids : sequence of Grid, optional
         One per hypothesis; by default grids that resolve the posterior.
     executor : concurrent.futures.Executor, optional
-        Runs chunks of trials elsewhere. The result is the same to the last bit. A pool
-        of processes must spawn them: forked threads of Numba do not survive.
+        Runs chunks of trials elsewhere: a pool of processes (spawned, as forked threads
+        of Numba do not survive), `dask.distributed.Client.get_executor()`,
+        `mpi4py.futures.MPIPoolExecutor`. The result is the same to the last bit; what a
+        broken pool did not finish is run here.
     checkpoint : path, optional
         Folder in which finished chunks are kept; the same call takes them up again.
     progress : function of (done, all), optional
@@ -1596,10 +1605,13 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     firsts = range(0, trials, size)
     calls = [(checkpoint, truths or tuple(hypotheses), tuple(grids), dt, stops, seed,
               first, min(first + size, trials)) for first in firsts]
-    results = (executor.map if executor else map)(_kept_chunk, *zip(*calls))
+    waiting = [executor.submit(_kept_chunk, *call) for call in calls] if executor else []
     chunks = []
-    for chunk in results:
-        chunks.append(chunk)
+    for number, call in enumerate(calls):
+        try:
+            chunks.append(waiting[number].result() if executor else _kept_chunk(*call))
+        except BrokenExecutor:    # a worker died and took its pool along: go on here
+            chunks.append(_kept_chunk(*call))
         if progress:
             progress(min(len(chunks) * size, trials), trials)
     joined = _Chunk(*(np.concatenate(part) for part in zip(*chunks)))

@@ -1,6 +1,3 @@
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
-
 import numpy as np
 import pytest
 from conftest import paper_case
@@ -63,11 +60,9 @@ def same(a, b):
             assert_array_equal(getattr(x, part), getattr(y, part))
 
 
-def test_criteria_are_the_same_bits_for_any_chunks_and_workers(monkeypatch):
+def test_criteria_are_the_same_bits_for_any_chunks(monkeypatch):
     H = paper_case(3)
     whole = s.criteria(H, 1.0, 200.0, 150, seed=4)
-    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        same(whole, s.criteria(H, 1.0, 200.0, 150, seed=4, executor=pool))
     monkeypatch.setattr(s, "CHUNK", 64)
     same(whole, s.criteria(H, 1.0, 200.0, 150, seed=4))
 

@@ -1,0 +1,126 @@
+"""Past one process: executors, killed workers, killed runs, read-only folders."""
+
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from conftest import paper_case
+from numpy.testing import assert_array_equal
+
+import sensorid as s
+
+RUN = dict(dt=1.0, duration=200.0, trials=300, seed=4)
+
+
+def same(a, b):
+    for x, y in zip((a.error_probability, *a.rsd), (b.error_probability, *b.rsd)):
+        for part in x._fields:
+            assert_array_equal(getattr(x, part), getattr(y, part))
+
+
+@pytest.fixture(scope="module")
+def serial():
+    return s.criteria(paper_case(3), **RUN)
+
+
+def test_a_pool_of_processes_gives_the_same_bits(serial):
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        same(serial, s.criteria(paper_case(3), **RUN, executor=pool))
+
+
+def test_a_dask_cluster_gives_the_same_bits(serial):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True,
+                                  dashboard_address=None) as cluster:
+        with distributed.Client(cluster) as client:
+            result = s.criteria(paper_case(3), **RUN, executor=client.get_executor())
+    same(serial, result)
+
+
+def deadly_markov(dt, tau_m, sigma_m, sigma_v):
+    """A Markov process that kills the first worker that computes it."""
+    flag = pathlib.Path(os.environ["SENSORID_TEST_FLAG"])
+    if os.getpid() != int(os.environ["SENSORID_TEST_MAIN"]) and not flag.exists():
+        flag.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return s.markov(dt, tau_m, sigma_m, sigma_v)
+
+
+def test_a_killed_worker_costs_its_chunk_and_nothing_else(tmp_path, monkeypatch):
+    monkeypatch.setenv("SENSORID_TEST_FLAG", str(tmp_path / "killed"))
+    monkeypatch.setenv("SENSORID_TEST_MAIN", str(os.getpid()))
+    H = (paper_case(2)[0], s.hypothesis(
+        deadly_markov, tau_m=(60, 1500), sigma_m=(0.5, 1.5), sigma_v=0.5))
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        result = s.criteria(H, **RUN, executor=pool)
+    assert (tmp_path / "killed").exists()
+    same(result, s.criteria(H, **RUN))
+
+
+COMMAND = [sys.executable, "-m", "sensorid", "criteria", "m.json", "--duration", "300",
+           "--trials", "600", "--json"]
+
+
+def test_a_run_killed_with_9_resumes_with_the_same_bits(tmp_path):
+    model = s.Model(0.1, "u", paper_case(3))
+    (tmp_path / "m.json").write_text(s.model_text(model))
+    kept = tmp_path / "kept"
+    run = subprocess.Popen([*COMMAND, "a.json", "--checkpoint", "kept"], cwd=tmp_path,
+                           stdout=subprocess.DEVNULL)
+    while not (kept.is_dir() and any(kept.glob("*.npz"))) and run.poll() is None:
+        time.sleep(0.01)
+    run.kill()
+    run.wait()
+    finished = {f: f.stat().st_mtime_ns for f in kept.glob("*.npz")}
+    assert 1 <= len(finished) < 5
+    for extra in (["a.json", "--checkpoint", "kept"], ["b.json"]):
+        subprocess.run([*COMMAND, *extra], cwd=tmp_path, check=True,
+                       stdout=subprocess.DEVNULL)
+    assert (tmp_path / "a.json").read_text() == (tmp_path / "b.json").read_text()
+    assert finished.items() <= {f: f.stat().st_mtime_ns for f in kept.iterdir()}.items()
+
+
+def test_help_does_not_import_numba():
+    code = ("import sys, runpy; sys.argv = ['sensorid', '--help']\n"
+            "try: runpy.run_module('sensorid', run_name='__main__')\n"
+            "except SystemExit: print('numba' in sys.modules)\n")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "False"
+
+
+def test_memory_does_not_grow_with_trials():
+    code = ("import resource, sys, sensorid as s, conftest\n"
+            "s.criteria(conftest.paper_case(2), 0.1, 1000.0, int(sys.argv[1]), 1)\n"
+            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)\n")
+    few, many = (int(subprocess.run(
+        [sys.executable, "-c", code, trials], capture_output=True, text=True, check=True,
+        cwd=os.path.dirname(__file__)).stdout) for trials in ("128", "768"))
+    assert many < few + 60 and many < 1024    # MiB
+
+
+def test_the_module_works_where_nothing_can_be_written():
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        shutil.copy(s.__file__, folder)
+        np.savez(folder / "r.npz", dt=1.0, error=s.simulate(
+            [s.hypothesis("white_noise", sigma_v=1.0)], 1.0, 200).error[0])
+        os.chmod(folder, 0o555)
+        run = [sys.executable, "-m", "sensorid", "identify", "r.npz"]
+        if os.getuid() == 0:    # nothing is read-only for root
+            run = ["setpriv", "--reuid=65534", "--clear-groups", *run]
+            if not shutil.which("setpriv") or subprocess.run(
+                    [*run[:4], "-c", "import numba"], capture_output=True).returncode:
+                pytest.skip("root, and an unprivileged user cannot run this Python")
+        done = subprocess.run(run, cwd=folder, capture_output=True, text=True,
+                              env={**os.environ, "HOME": "/nonexistent"})
+        assert done.returncode == 0, done.stderr
+        assert not (folder / "__pycache__").exists()
