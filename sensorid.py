@@ -1121,6 +1121,34 @@ def _features(g):
             np.append(g.exponent, np.zeros(g.coordinate.shape[1])))
 
 
+def posteriors(g, y, stops, coordinates=False):
+    """Posterior of many records on one grid, Eqs. (11), (13), (14).
+
+    Parameters
+    ----------
+    g : Grid
+    y : (C, N) array
+        Records, u, as for `filter_bank`.
+    stops : increasing sequence of int
+        Numbers of samples at which it is wanted.
+    coordinates : bool
+        Append the coordinates of the grid to the parameters.
+
+    Yields
+    ------
+    log_evidence, mean, covariance : (C,), (C, p) and (C, p, p) array
+        One triple per stop.
+    """
+    feature, exponent = g.theta, g.exponent
+    if coordinates:
+        feature, exponent = _features(g)
+    h = g.hypothesis
+    for sums in filter_bank(bank(h, g.dt, g.theta), y, stops):
+        yield _posteriors(sums.count, np.ascontiguousarray(sums.chi2),
+                          np.ascontiguousarray(sums.score), _node_columns(g, sums),
+                          g.limits, g.power, (0.0, h.bias_sigma**2), feature, exponent)
+
+
 def _nodes_per_sd(g, cov):
     """Nodes per posterior standard deviation along every axis,
     the outer ones held fixed.
@@ -1451,10 +1479,7 @@ def criteria_grid(h, dt, samples, seed=0, pilots=16, max_nodes=60000):
     y = simulate([h], dt, samples, pilots, seed).error
     while True:
         g = grid(h, dt, nodes, box)
-        sums = next(filter_bank(bank(h, dt, g.theta), y, [samples]))
-        _, _, cov = _posteriors(
-            sums.count, sums.chi2, sums.score, _node_columns(g, sums),
-            g.limits, g.power, (0.0, h.bias_sigma**2), *_features(g))
+        _, _, cov = next(posteriors(g, y, [samples], coordinates=True))
         reached = np.array([_nodes_per_sd(g, c) for c in cov])
         reached = np.quantile(reached, 0.1, axis=0) if len(nodes) else reached[0]
         growth = np.clip(1.05 * NODES_PER_SD / np.maximum(reached, 0.1), 1.0, 2.5)
@@ -1481,16 +1506,9 @@ def _run_chunk(truths, grids, dt, stops, seed, first, last):
     trials = simulate(truths, dt, int(stops[-1]), last - first, seed, first)
     log_evidence, mean, variance, truth = [], [], [], []
     for k, g in enumerate(grids):
-        h, p = g.hypothesis, g.theta.shape[1]
-        feature, exponent = _features(g)
-        rows = []
-        for sums in filter_bank(bank(h, dt, g.theta), trials.error, stops):
-            rows.append(_posteriors(
-                sums.count, np.ascontiguousarray(sums.chi2),
-                np.ascontiguousarray(sums.score), _node_columns(g, sums),
-                g.limits, g.power, (0.0, h.bias_sigma**2),
-                feature[:, :p], exponent[:p]))
-        evidence, means, covariances = (np.stack(part, 1) for part in zip(*rows))
+        p = g.theta.shape[1]
+        evidence, means, covariances = (
+            np.stack(part, 1) for part in zip(*posteriors(g, trials.error, stops)))
         log_evidence.append(evidence)
         mean.append(means)
         variance.append(np.diagonal(covariances, axis1=2, axis2=3))
@@ -1605,11 +1623,11 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     firsts = range(0, trials, size)
     calls = [(checkpoint, truths or tuple(hypotheses), tuple(grids), dt, stops, seed,
               first, min(first + size, trials)) for first in firsts]
-    waiting = [executor.submit(_kept_chunk, *call) for call in calls] if executor else []
+    waiting = [executor and executor.submit(_kept_chunk, *call) for call in calls]
     chunks = []
-    for number, call in enumerate(calls):
+    for call, future in zip(calls, waiting):
         try:
-            chunks.append(waiting[number].result() if executor else _kept_chunk(*call))
+            chunks.append(future.result() if future else _kept_chunk(*call))
         except BrokenExecutor:    # a worker died and took its pool along: go on here
             chunks.append(_kept_chunk(*call))
         if progress:

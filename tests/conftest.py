@@ -22,3 +22,18 @@ def paper_case(number, **change):
         sensorid.hypothesis("random_walk", sigma_w=(0.04, 0.15), **white, **change),
         sensorid.hypothesis("markov", tau_m=(60.0, 1500.0), sigma_m=(0.5, 1.5), **white,
                             **change))
+
+
+RATES = {}    # filled by bench_bank.py
+
+
+def pytest_terminal_summary(terminalreporter):
+    """The table of the benchmark."""
+    if not RATES:
+        return
+    terminalreporter.section("filter updates a second, or seconds")
+    best = max((r for name, r in RATES.items() if name.startswith("ours")), default=0)
+    for name, rate in RATES.items():
+        seconds = name.endswith(", s")
+        ratio = "" if seconds or not best else f"{rate / best:10.2g} of ours"
+        terminalreporter.write_line(f"{name:<52}{rate:10.3g}{ratio}")

@@ -31,11 +31,8 @@ def test_posterior_on_the_papers_grid_equals_the_reference_implementation(number
     evidences = []
     for k, h in enumerate(H):
         g = s.uniform_grid(h, 1.0, 4)
-        u = next(s.filter_bank(s.bank(h, 1.0, g.theta), y, [60]))
         p = g.theta.shape[1]
-        evidence, mean, cov = s._posteriors(
-            u.count, u.chi2.copy(), u.score.copy(), s._node_columns(g, u), g.limits,
-            g.power, (0.0, 1.0), g.theta, np.zeros(p))
+        evidence, mean, cov = next(s.posteriors(g, y, [60]))
         evidences.append(evidence[0])
         naive_mean, naive_cov = expected.parameters(k)
         assert_allclose(mean[0], naive_mean[:p], rtol=1e-9)

@@ -102,8 +102,8 @@ def test_memory_does_not_grow_with_trials():
             "s.criteria(conftest.paper_case(2), 0.1, 1000.0, int(sys.argv[1]), 1)\n"
             "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)\n")
     few, many = (int(subprocess.run(
-        [sys.executable, "-c", code, trials], capture_output=True, text=True, check=True,
-        cwd=os.path.dirname(__file__)).stdout) for trials in ("128", "768"))
+        [sys.executable, "-c", code, trials], capture_output=True, text=True,
+        check=True, cwd=os.path.dirname(__file__)).stdout) for trials in ("128", "768"))
     assert many < few + 60 and many < 1024    # MiB
 
 

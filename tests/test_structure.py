@@ -72,8 +72,8 @@ def small(monkeypatch, tmp_path):
 
 
 def test_figures_draw_what_they_compute(small, capsys):
-    from figures.__main__ import NAMES
-    for name in NAMES.values():
+    from figures.__main__ import PAPER
+    for name in PAPER.values():
         __import__(f"figures.{name}")
         getattr(figures, name).main()
     drawn = {f.name for f in small.iterdir()}
