@@ -3,9 +3,9 @@
 Every peer runs the two-state filter of Eqs. (22)-(23) in float64 at as much of the same
 work as it does in about a second. Log-likelihoods are compared before anything is
 timed, and whatever compiles has compiled. `conftest.py` prints the table: filter
-updates (steps of one node on one record) a second for records x nodes x samples, and the
-ratio to ours in the same run. The peak is that of a loop of fused multiply-adds and of a
-matrix product on the same cores; an update costs five multiply-adds.
+updates (steps of one node on one record) a second for records x nodes x samples, and
+the ratio to ours in the same run. The peak is that of a loop of fused multiply-adds and
+of a matrix product on the same cores; an update costs five multiply-adds.
 """
 
 import numpy as np
