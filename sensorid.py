@@ -34,6 +34,7 @@ import json
 import os
 import pathlib
 import sys
+import warnings
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from typing import Callable, NamedTuple
 
@@ -255,18 +256,22 @@ def hypothesis(model, name=None, bias_sigma=1.0, prior="uniform", **parameters):
                          "is not a finite number >= 0")
     priors = tuple(_parameter(name, s, parameters[s], prior)
                    for s in known if s in parameters)
-    sigmas = [p for p in priors if p.symbol.startswith("sigma")]
-    if sigmas and all(p.high == 0.0 for p in sigmas):
+    h = Hypothesis(name, model, priors, float(bias_sigma))
+    at_most = _filter_at(h, 1.0, [p.high for p in priors])
+    if not (at_most.Gamma.any() or at_most.Psi.any() or at_most.P0.any()):
         raise ValueError(f"all noises of {name} are zero: "
                          "give at least one sigma_* > 0")
-    return Hypothesis(name, model, priors, float(bias_sigma))
+    return h
 
 
 def _number(value, what):
     """`value` as a float, or a sentence on what it should be."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ValueError(f"{what} is {value!r}: a number is needed")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f"{what} is too large a number") from None
 
 
 def _parameter(name, symbol, value, prior):
@@ -967,9 +972,8 @@ def log_likelihood(s2, count, chi2, score, information, log_det, bias):
     """
     mean, variance = bias
     spread = variance * information + s2
-    away = score - mean * information
-    chi2 = (chi2 - mean * (2.0 * score - mean * information)
-            - variance * away * away / spread)
+    pull = mean * (2.0 * score - mean * information)
+    chi2 = chi2 - (variance * score * score + pull * s2) / spread
     return -0.5 * (count * LOG_2PI + (count - 1) * np.log(s2) + np.log(spread)
                    + log_det + chi2 / s2)
 
@@ -983,14 +987,13 @@ def _scale_window(count, chi2, score, information, bias, low, high):
     the bias; D hardly depends on u, so that four fixed-point steps find the mode.
     """
     mean, variance = bias
-    away = score - mean * information
-    raw = chi2 - mean * (2.0 * score - mean * information)
+    pull = mean * (2.0 * score - mean * information)
     least, most = np.exp(2.0 * low), np.exp(2.0 * high)
     s2 = np.sqrt(least * most)
     for _ in range(4):
         spread = variance * information + s2
         known = count - variance * information / spread
-        D = max(raw - variance * away * away / spread, 0.0)
+        D = max(chi2 - (variance * score * score + pull * s2) / spread, 0.0)
         s2 = min(most, max(least, D / known)) if known > 0.0 else most
     curvature = 2.0 * D / s2
     slope = abs(0.5 * curvature - known)
@@ -1119,6 +1122,20 @@ def _features(g):
     """Parameters and coordinates side by side, with their exponents."""
     return (np.column_stack([g.theta, g.coordinate]),
             np.append(g.exponent, np.zeros(g.coordinate.shape[1])))
+
+
+def _edge_nodes(g, mean, cov):
+    """Nodes per standard deviation of ln theta along every axis of a ratio.
+
+    Where the data lie outside the prior, its edge cuts a posterior that is sharper in
+    theta than in the ratio.
+    """
+    nodes = np.full(len(g.spacing), np.inf)
+    free, _, scale = _axes(g.hypothesis, g.dt)
+    for axis, column in enumerate(free):
+        if scale is not None and g.exponent[column]:
+            nodes[axis] = np.sqrt(cov[column, column]) / mean[column] / g.spacing[axis]
+    return nodes
 
 
 def posteriors(g, y, stops, coordinates=False):
@@ -1277,7 +1294,7 @@ def resolve(h, dt, y, max_nodes=60000):
             sums.count, sums.chi2[0].copy(), sums.score[0].copy(),
             _node_columns(g, sums), g.limits, g.power, bias)
         log_evidence, mean, cov = _moments(mass, first, second, *_features(g))
-        nodes_per_sd = _nodes_per_sd(g, cov)
+        nodes_per_sd = np.minimum(_nodes_per_sd(g, cov), _edge_nodes(g, mean, cov))
         resolved = bool((nodes_per_sd >= NODES_PER_SD).all())
         if d == 0:
             break
@@ -1314,7 +1331,7 @@ def _point_masses(g, mass, first, second):
     return np.concatenate(theta), weight / weight.sum()
 
 
-def identify(y, dt, hypotheses):
+def identify(y, dt, hypotheses, progress=None):
     """Posterior of the error model of one record, Eqs. (3)-(14).
 
     Parameters
@@ -1325,6 +1342,8 @@ def identify(y, dt, hypotheses):
         Sampling interval, s.
     hypotheses : sequence of Hypothesis
         The K structures in question.
+    progress : function of (done, all), optional
+        Called after every hypothesis.
 
     Returns
     -------
@@ -1345,9 +1364,13 @@ def identify(y, dt, hypotheses):
     """
     y = np.asarray(y, float)
     _check_record(y, dt)
-    estimates = tuple(resolve(h, dt, y) for h in hypotheses)
+    estimates = []
+    for h in hypotheses:
+        estimates.append(resolve(h, dt, y))
+        if progress:
+            progress(len(estimates), len(hypotheses))
     return Posterior(dt, len(y), probabilities([e.log_evidence for e in estimates]),
-                     estimates)
+                     tuple(estimates))
 
 
 MIN_SAMPLES = 16    # fewer say nothing of any correlated process
@@ -1369,7 +1392,7 @@ def _check_record(y, dt):
         raise ValueError(f"the record has {len(observed)} samples: "
                          f"at least {MIN_SAMPLES} are needed")
     if (observed == observed[0]).all():
-        raise ValueError(f"the record is constant ({observed[0]:g}): "
+        raise ValueError(f"the record is constant ({observed[0] + 0.0:g}): "
                          "there is no error model to identify, check the column")
 
 
@@ -1529,8 +1552,11 @@ def _kept_chunk(folder, *arguments):
                       else _describe(part))
     file = pathlib.Path(folder) / f"{digest.hexdigest()[:32]}.npz"
     if file.exists():
-        with np.load(file) as kept:
-            return _Chunk(**kept)
+        try:
+            with np.load(file) as kept:
+                return _Chunk(**kept)
+        except Exception:    # damaged, in whatever way: worth no more than nothing
+            pass
     chunk = _run_chunk(*arguments)
     _write(file, lambda stream: np.savez(stream, **chunk._asdict()))
     return chunk
@@ -1548,7 +1574,10 @@ def _describe(part):
 
 def _write(file, put):
     """Write a file whole or not at all."""
-    file = pathlib.Path(file)
+    file = pathlib.Path(os.path.realpath(file))
+    if file.exists() and not file.is_file():    # a pipe or a device
+        with open(file, "wb") as stream:
+            return put(stream)
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(f".{file.name}.{os.getpid()}")
     try:
@@ -1608,8 +1637,12 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     if not (np.isfinite(dt) and dt > 0 and np.isfinite(duration) and duration >= dt):
         raise ValueError(f"dt = {dt:g} s, duration = {duration:g} s: "
                          "0 < dt <= duration is needed")
-    if trials < 2:
-        raise ValueError(f"{trials} trials: a criterion needs at least 2")
+    if trials < 8 * len(hypotheses):
+        raise ValueError(f"{trials} trials of {len(hypotheses)} hypotheses: "
+                         f"a criterion needs at least {8 * len(hypotheses)}")
+    if not duration / dt < 2**31:
+        raise ValueError(f"{duration:g} s at {dt:g} s are {duration / dt:.3g} samples: "
+                         "record less, or sample more slowly")
     samples = int(round(duration / dt))
     stops = (criteria_times(samples) if times is None
              else np.unique(np.round(np.asarray(times) / dt).astype(int)))
@@ -1672,6 +1705,7 @@ def _relative(variance, trials, mean):
     real = np.sqrt(variance.real * trials / (trials - 1))
     calculated = np.sqrt(variance.calculated)
     with np.errstate(divide="ignore", invalid="ignore"):
+        mean = mean or np.nan    # about zero nothing is relative
         return Curve(real / mean, calculated / mean,
                      variance.real_se / (2.0 * real * mean),
                      variance.calculated_se / (2.0 * calculated * mean), variance.z)
@@ -1685,7 +1719,7 @@ def allan_variance(omega, dt, m):
     Parameters
     ----------
     omega : (N,) array
-        Rate or specific force, u, evenly sampled.
+        Rate or specific force, u, evenly sampled; NaN marks a missing sample.
     dt : float
         Sampling interval, s.
     m : int
@@ -1694,7 +1728,8 @@ def allan_variance(omega, dt, m):
     Returns
     -------
     float
-        sigma^2(tau), u^2.
+        sigma^2(tau), u^2, from the pairs of clusters that miss nothing; NaN if there
+        are none.
 
     Raises
     ------
@@ -1717,18 +1752,23 @@ def allan_variance(omega, dt, m):
         raise ValueError(
             f"m = {m} does not fit a record of {omega.size} samples: the Allan "
             f"variance needs two clusters, so 1 <= m <= {omega.size // 2}")
-    phase = np.append(0.0, np.cumsum(omega - omega.mean())) * dt
+    gap = np.isnan(omega)
+    centred = np.where(gap, 0.0, omega - np.nanmean(omega))
+    phase = np.append(0.0, np.cumsum(centred)) * dt
     second = phase[2 * m:] - 2.0 * phase[m:-m] + phase[:-2 * m]
-    return float(np.mean(second**2) / (2.0 * (m * dt)**2))
+    if gap.any():
+        missed = np.append(0, np.cumsum(gap))
+        second = second[missed[2 * m:] == missed[:-2 * m]]
+    return float(np.mean(second**2) / (2.0 * (m * dt)**2)) if second.size else np.nan
 
 
 def allan_deviation(omega, dt, per_octave=1):
     """Averaging times, s, up to a third of the record, and Allan deviations, u."""
     n = len(omega)
-    top = np.log2(max(n // 3, 1))
-    m = np.unique(
-        np.round(2.0**np.arange(0.0, top + 1e-9, 1.0 / per_octave)).astype(int))
-    return m * dt, np.sqrt([allan_variance(omega, dt, k) for k in m])
+    octaves = np.arange(0.0, np.log2(max(n // 3, 1)) + 1e-9, 1.0 / per_octave)
+    m = np.unique(np.round(2.0**octaves).astype(int))
+    adev = np.sqrt([allan_variance(omega, dt, k) for k in m])
+    return m[~np.isnan(adev)] * dt, adev[~np.isnan(adev)]
 
 
 @njit(**JIT)
@@ -1814,8 +1854,8 @@ def read_record(file, column="error", dt=None, resample=False, allow_missing=Fal
         With one sentence on what is wrong with the file.
     """
     file = pathlib.Path(file)
-    if not file.exists():
-        raise ValueError(f"{file}: no such file")
+    if not file.is_file():
+        raise ValueError(f"{file}: no such file" + ", but a folder" * file.is_dir())
     name, row = column, None
     if column.endswith("]") and column.rpartition("[")[2][:-1].isdigit():
         name, row = column.rpartition("[")[0], int(column.rpartition("[")[2][:-1])
@@ -1824,6 +1864,10 @@ def read_record(file, column="error", dt=None, resample=False, allow_missing=Fal
         raise ValueError(f"{file}: no column {name!r} among {', '.join(arrays)}; "
                          "choose one with --column")
     error = arrays[name]
+    if error.ndim == 2 and error.shape[1] == 1:
+        error = error[:, 0]
+    if error.ndim == 1 and row is not None:
+        raise ValueError(f"{file}: {name} is one row of numbers: leave [{row}] out")
     if error.ndim == 2 and (row is not None or len(error) == 1):
         if not (row or 0) < len(error):
             raise ValueError(f"{file}: {name} has the rows 0 to {len(error) - 1}, "
@@ -1840,17 +1884,27 @@ def read_record(file, column="error", dt=None, resample=False, allow_missing=Fal
                          f"the first at sample {np.argmax(np.isnan(error))}; "
                          "--allow-missing takes them as missing")
     if dt is None and arrays.get("time") is not None:
-        dt, error = _even(file, np.asarray(arrays["time"], float), error, resample)
+        dt, error = _even(file, _numbers(file, "time", arrays), error, resample)
     elif dt is None:
         if "dt" not in arrays:
             raise ValueError(f"{file}: neither a column time nor dt: "
                              "give the sampling interval with --dt")
-        dt = float(np.ravel(arrays["dt"])[0])
+        dt = _numbers(file, "dt", arrays)
+        if dt.size != 1:
+            raise ValueError(f"{file}: dt holds {dt.size} numbers, not one")
+        dt = float(dt[0])
     try:
         _check_record(error, dt)
     except ValueError as problem:
         raise ValueError(f"{file}: {problem}") from None
     return Record(str(file), column, error, float(dt))
+
+
+def _numbers(file, name, arrays):
+    """An array of a file as floats in one row."""
+    if np.asarray(arrays[name]).dtype.kind not in "iuf":
+        raise ValueError(f"{file}: {name} does not hold real numbers")
+    return np.asarray(arrays[name], float).ravel()
 
 
 def _read_arrays(file, name, with_time):
@@ -1889,15 +1943,22 @@ def _read_csv(file, wanted):
                 break
     delimiter = next((d for d in (",", ";", "\t") if d in header), ",")
     names = [name.strip().strip('"') for name in header.strip().split(delimiter)]
-    if all(_is_number(name) for name in names):
+    if not header.isprintable() and not header.strip("\r\n\t").isprintable():
+        raise ValueError(f"{file}: not a CSV file in UTF-8")
+    if all(_is_number(name) or not name for name in names):
         raise ValueError(f"{file}: no header: the first line must name the columns, "
                          "such as time,error")
     present = [name for name in wanted if name in names]
+    twice = [name for name in present if names.count(name) > 1]
+    if twice:
+        raise ValueError(f"{file}: the header names {twice[0]} more than once")
     if wanted[0] in present:
         at = [names.index(name) for name in present]
         try:
-            table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, usecols=at,
-                               ndmin=2, encoding="utf-8-sig")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")    # on files without a row: told below
+                table = np.loadtxt(file, delimiter=delimiter, skiprows=skip,
+                                   usecols=at, ndmin=2, encoding="utf-8-sig")
         except ValueError:
             table = _read_cells(file, delimiter, skip, at, present)
         return {**dict.fromkeys(names), **dict(zip(present, table.T))}
@@ -1912,24 +1973,27 @@ def _is_number(text):
         return False
 
 
+MISSING = "", "NA", "N/A", "NULL"    # cells that count as NaN
+
+
 def _read_cells(file, delimiter, skip, at, names):
-    """Cell by cell: empty cells are NaN,
-    and what is no number is named with its line.
+    """Cell by cell: missing ones are NaN, and what is no number is named with its line.
     """
     rows = []
     with open(file, newline="", encoding="utf-8-sig", errors="replace") as stream:
         for number, row in enumerate(csv.reader(stream, delimiter=delimiter), 1):
-            if number <= skip or not row or row[0].startswith("#"):
+            if number <= skip or not "".join(row).strip() or row[0].startswith("#"):
                 continue
             if len(row) <= max(at):
                 raise ValueError(f"{file}, line {number}: {len(row)} cells, but column "
-                                 f"{names[-1]} is number {max(at) + 1}")
+                                 f"{names[np.argmax(at)]} is number {max(at) + 1}")
             cells = [row[column].strip() for column in at]
             for name, cell in zip(names, cells):
-                if cell and not _is_number(cell):
+                if cell.upper() not in MISSING and not _is_number(cell):
                     raise ValueError(f"{file}, line {number}: {cell!r} "
                                      f"in column {name} is not a number")
-            rows.append([float(cell) if cell else np.nan for cell in cells])
+            rows.append([np.nan if cell.upper() in MISSING else float(cell)
+                         for cell in cells])
     return np.array(rows).reshape(-1, len(at))
 
 
@@ -1940,6 +2004,9 @@ def _even(file, time, error, resample):
     """dt and the record on evenly spaced times; gaps become NaN."""
     if len(time) != len(error):
         raise ValueError(f"{file}: {len(time)} times for {len(error)} samples")
+    if not np.isfinite(time).all():
+        raise ValueError(f"{file}: time of sample {np.argmin(np.isfinite(time))} is "
+                         f"{time[np.argmin(np.isfinite(time))]}: a number is needed")
     step = np.diff(time)
     bad = np.flatnonzero(~(step > 0.0))
     if bad.size:
@@ -1951,6 +2018,10 @@ def _even(file, time, error, resample):
         raise ValueError(f"{file}: the record has {len(time)} samples: "
                          f"at least {MIN_SAMPLES} are needed")
     middle = np.median(step)
+    if (time[-1] - time[0]) / middle > 100 * len(time):
+        raise ValueError(f"{file}: {len(time)} samples, usually {middle:g} s apart, "
+                         f"are spread over {time[-1] - time[0]:g} s: cut the gap after "
+                         f"sample {step.argmax()} out")
     count = np.maximum(np.round(step / middle), 1.0)
     dt = (time[-1] - time[0]) / count.sum()
     off = np.abs(step - count * dt)
@@ -1993,11 +2064,11 @@ def read_model(file):
         With one sentence on what is wrong with the file.
     """
     file = pathlib.Path(file)
-    if not file.exists():
+    if not file.is_file():
         raise ValueError(f"{file}: no such model file")
     try:
-        text = json.loads(file.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as problem:
+        text = json.loads(file.read_text(encoding="utf-8-sig"))
+    except (ValueError, OSError, RecursionError) as problem:
         raise ValueError(f"{file}: not a JSON model file: {problem}") from None
     try:
         if not isinstance(text, dict) or not text.get("hypotheses"):
@@ -2007,6 +2078,8 @@ def read_model(file):
         dt = _number(text.get("dt"), "dt")
         if not (np.isfinite(dt) and dt > 0.0):
             raise ValueError(f"dt is {dt:g} s: it must be > 0")
+        if not isinstance(text.get("unit", "u"), str):
+            raise ValueError(f"unit {text['unit']!r} must be a text")
         hypotheses = tuple(_hypothesis_from(entry, text)
                            for entry in text["hypotheses"])
         names = [h.name for h in hypotheses]
@@ -2028,10 +2101,16 @@ def _hypothesis_from(entry, text):
     if entry.get("effects"):
         raise ValueError(f"{entry['name']} has effects, "
                          "which this version cannot simulate")
+    if not isinstance(entry.get("label", ""), str):
+        raise ValueError(f"label {entry['label']!r} of {entry['name']} must be a text")
+    parameters = entry.get("parameters", {})
+    strange = {"name", "model", "prior", "bias_sigma"} & parameters.keys()
+    if strange:
+        raise ValueError(f"{entry['name']} has no parameter {strange.pop()}")
     return hypothesis(entry["name"], name=entry.get("label"),
                       bias_sigma=entry.get("bias_sigma", text.get("bias_sigma", 1.0)),
                       prior=entry.get("prior", text.get("prior", "uniform")),
-                      **entry.get("parameters", {}))
+                      **parameters)
 
 
 def model_text(model):
@@ -2069,8 +2148,7 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
         correlation time lies between dt and the whole record.
     """
     seen = y[~np.isnan(y)]
-    difference = np.diff(y)
-    short = np.sqrt(np.nanmean(difference**2)) or np.ptp(seen) / len(seen)
+    short = np.sqrt(np.mean(np.diff(seen)**2)) or np.ptp(seen) / len(seen)
     wide = max(np.std(seen), short)
     duration = dt * len(y)
     bias_sigma = float(np.hypot(np.mean(seen), 3.0 * wide))
@@ -2085,6 +2163,8 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
         if name not in MODELS:
             raise ValueError(f"unknown hypothesis {name!r}: "
                              f"known are {', '.join(MODELS)}")
+    if len(set(names)) < len(names):
+        raise ValueError(f"a hypothesis is named twice among {', '.join(names)}")
     return tuple(
         hypothesis(name, bias_sigma=bias_sigma, prior="log", **{
             symbol: ranges[symbol]
@@ -2163,8 +2243,8 @@ def _parser():
                      help="record length, s")
     two.add_argument("--trials", type=int, default=500, metavar="L",
                      help="trials (default 500)")
-    two.add_argument("--seed", type=int, default=0,
-                     help="of the random numbers (default 0)")
+    two.add_argument("--seed", type=_seed, default=0,
+                     help="of the random numbers, >= 0 (default 0)")
     two.add_argument("--checkpoint", metavar="FOLDER",
                      help="keep finished chunks of trials there; "
                           "the same command takes up an interrupted run")
@@ -2174,7 +2254,7 @@ def _parser():
     three = commands.add_parser(
         "simulate", help="draw records from a model file", formatter_class=raw,
         description="Records from the prior of a model file; arrays error[L, N] "
-                    "and dt, with the number of the true hypothesis and its "
+                    "and dt, with the name of the true hypothesis and its "
                     "parameters.")
     three.add_argument("model", metavar="M.json", help="the simulator")
     length = three.add_mutually_exclusive_group(required=True)
@@ -2184,11 +2264,18 @@ def _parser():
     _record_options(three)
     three.add_argument("--records", type=int, default=1, metavar="L",
                        help="records (default 1)")
-    three.add_argument("--seed", type=int, default=0,
-                       help="of the random numbers (default 0)")
+    three.add_argument("--seed", type=_seed, default=0,
+                       help="of the random numbers, >= 0 (default 0)")
     three.add_argument("--out", required=True, metavar="FILE.npz",
                        help="file to be written")
     return parser
+
+
+def _seed(text):
+    """A seed of the command line."""
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number >= 0")
+    return int(text)
 
 
 def _record_options(parser):
@@ -2219,9 +2306,20 @@ def _read(options, model=None):
     return record
 
 
-def _check_outputs(*files):
+PICTURES = ".png", ".pdf", ".svg", ".jpg"
+
+
+def _check_outputs(inputs, *outputs, plot=None):
     """Refuse before the work what could not be written after it."""
-    for file in filter(None, files):
+    if plot is not None and pathlib.Path(plot).suffix.lower() not in PICTURES:
+        raise ValueError(f"{plot}: a picture is one of {', '.join(PICTURES)}")
+    outputs = [file for file in (*outputs, plot) if file is not None]
+    taken = {os.path.realpath(file) for file in inputs if file}
+    for file in outputs:
+        if os.path.realpath(file) in taken:
+            raise ValueError(f"{file} is named twice: "
+                             "an output must be a file of its own")
+        taken.add(os.path.realpath(file))
         folder = pathlib.Path(file).absolute().parent
         if (not folder.is_dir() or not os.access(folder, os.W_OK)
                 or pathlib.Path(file).is_dir()):
@@ -2241,10 +2339,7 @@ def _matplotlib():
 
 def _save(fig, file):
     fig.set_layout_engine("tight")
-    kind = pathlib.Path(file).suffix[1:] or "png"
-    if kind not in fig.canvas.get_supported_filetypes():
-        raise ValueError(f"{file}: pictures of kind .{kind} cannot be written, "
-                         ".png can")
+    kind = pathlib.Path(file).suffix[1:].lower()
     _write(file, lambda stream: fig.savefig(stream, format=kind, dpi=150))
 
 
@@ -2252,7 +2347,7 @@ def progress_bar(done, total):
     """Progress on a terminal."""
     if sys.stderr.isatty():
         filled = 30 * done // total
-        print(f"\r[{'#' * filled}{'.' * (30 - filled)}] {done}/{total} trials",
+        print(f"\r[{'#' * filled}{'.' * (30 - filled)}] {done}/{total}",
               end="\n" if done == total else "", file=sys.stderr, flush=True)
 
 
@@ -2271,18 +2366,20 @@ def matrices(estimate, dt):
 
 def _identify(options):
     model = read_model(options.model) if options.model else None
-    if model and options.hypotheses:
+    if model and options.hypotheses is not None:
         raise ValueError("--hypotheses names defaults and --model brings its own: "
                          "give one of them")
-    _check_outputs(options.json, options.save_model, options.plot)
+    _check_outputs([options.record, options.model], options.json, options.save_model,
+                   plot=options.plot)
     plt = _matplotlib() if options.plot else None
     record = _read(options, model)
     y, dt = record.error, record.dt
-    names = options.hypotheses or "white_noise,random_walk,markov"
+    names = ("white_noise,random_walk,markov" if options.hypotheses is None
+             else options.hypotheses)
     names = MODELS if names == "all" else names.split(",")
     hypotheses = model.hypotheses if model else default_hypotheses(y, dt, names)
     unit = model.unit if model else "u"
-    posterior = identify(y, dt, hypotheses)
+    posterior = identify(y, dt, hypotheses, progress=progress_bar)
     best = int(posterior.probability.argmax())
     misfit = allan_misfit(y, dt, posterior.estimates[best])
 
@@ -2295,6 +2392,7 @@ def _identify(options):
         text = ", ".join(
             f"{p.symbol} = {m:.4g}" + (f" +- {sd:.2g}" if p.free else "")
             + (" s" if p.symbol.startswith("tau") else f" {unit}")
+            + ("/s" if p.symbol == "slope" else "") + _at_an_end(p, m, sd)
             for p, m, sd in zip(e.hypothesis.parameters, e.mean,
                                 np.sqrt(np.diag(e.covariance))))
         print(f"{e.hypothesis.name:<20}{posterior.probability[k]:>11.4f}  {text}")
@@ -2326,6 +2424,14 @@ def _identify(options):
         _save(_draw_identify(plt, record, posterior, unit), options.plot)
 
 
+def _at_an_end(p, mean, sd):
+    """A warning where a sharp posterior leans on an end of its prior."""
+    if p.free and sd < 0.25 * p.sd and min(mean - p.low, p.high - mean) < 1.5 * sd:
+        end = "low" if mean - p.low < p.high - mean else "high"
+        return f" (at the {end} end of its range: widen the prior)"
+    return ""
+
+
 def _narrowed(e):
     """The hypothesis of an estimate with ranges of two standard deviations to
     either side.
@@ -2340,7 +2446,7 @@ def _narrowed(e):
 class Misfit(NamedTuple):
     """Where the Allan deviation of a record and that of its model differ most."""
 
-    tau: float       # s
+    tau: float       # s; None where too much is missing
     ratio: float     # record over model
     sd: float        # difference in standard deviations
     sentence: str
@@ -2352,15 +2458,18 @@ def allan_misfit(y, dt, estimate):
     Octaves up to a tenth of the record. The standard deviation is that of white noise
     (edf of NIST SP 1065, Table 5), a lower bound for slower noises: a hint, not a test.
     """
-    y = np.interp(np.arange(len(y)), np.flatnonzero(~np.isnan(y)), y[~np.isnan(y)])
+    seen = 1.0 - np.isnan(y).mean()
     filt = _filter_at(estimate.hypothesis, dt, estimate.mean)
     tau, adev = allan_deviation(y, dt)
+    if not len(tau):
+        return Misfit(None, None, None, "too many samples are missing for an Allan "
+                      "deviation: the fit is not checked")
     keep = tau <= 0.1 * dt * len(y)
     tau, adev = (tau[keep], adev[keep]) if keep.any() else (tau[:1], adev[:1])
     m = np.round(tau / dt).astype(int)
     model = np.sqrt([model_allan_variance(filt, k) for k in m])
     edf = ((1.5 * (len(y) - 1) / m - 2 * (len(y) - 2) / len(y))
-           * 4 * m**2 / (4 * m**2 + 5))
+           * 4 * m**2 / (4 * m**2 + 5)) * seen**(2 * m)    # of pairs without a gap
     z = np.log(adev / model) * np.sqrt(2.0 * np.maximum(edf, 1.0))
     worst = int(np.abs(z).argmax())
     ratio = float(adev[worst] / model[worst])
@@ -2378,13 +2487,12 @@ def _draw_identify(plt, record, posterior, unit):
     """
     y, dt = record.error, record.dt
     fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2))
-    filled = np.interp(np.arange(len(y)), np.flatnonzero(~np.isnan(y)), y[~np.isnan(y)])
-    tau, adev = allan_deviation(filled, dt, per_octave=2)
+    tau, adev = allan_deviation(y, dt, per_octave=2)
     left.loglog(tau, adev, "k.-", label="record")
-    m = np.unique(np.round(tau / dt).astype(int))
+    m = np.unique(np.geomspace(1, max(len(y) // 3, 1), 40).astype(int))
     lengths = [n for n in len(y) // 2**np.arange(6, -1, -1) if n >= MIN_SAMPLES
-               and np.nanmin(y[:n]) < np.nanmax(y[:n])
-               and (~np.isnan(y[:n])).sum() >= MIN_SAMPLES]
+               and (~np.isnan(y[:n])).sum() >= MIN_SAMPLES
+               and np.nanmin(y[:n]) < np.nanmax(y[:n])]
     hypotheses = [e.hypothesis for e in posterior.estimates]
     history = np.array([identify(y[:n], dt, hypotheses).probability for n in lengths])
     for k, e in enumerate(posterior.estimates):
@@ -2407,7 +2515,11 @@ def _draw_identify(plt, record, posterior, unit):
 
 def _criteria_command(options):
     model = read_model(options.model)
-    _check_outputs(options.json, options.plot)
+    _check_outputs([options.model], options.json, plot=options.plot)
+    if options.checkpoint is not None and not os.path.isdir(options.checkpoint):
+        _check_outputs([], options.checkpoint)
+        if os.path.exists(options.checkpoint):
+            raise ValueError(f"{options.checkpoint} is a file: a folder is needed")
     plt = _matplotlib() if options.plot else None
     result = criteria(model.hypotheses, model.dt, options.duration, options.trials,
                       options.seed, checkpoint=options.checkpoint,
@@ -2423,7 +2535,7 @@ def _criteria_command(options):
             for c in (error, *result.rsd)))
 
     def curve(c):
-        return {name: np.nan_to_num(part).tolist()
+        return {name: [v if np.isfinite(v) else None for v in part.tolist()]
                 for name, part in c._asdict().items()}
 
     if options.json:
@@ -2458,7 +2570,7 @@ def _criteria_command(options):
 
 def _simulate_command(options):
     model = read_model(options.model)
-    _check_outputs(options.out)
+    _check_outputs([options.model, options.like], options.out)
     if options.records < 1 or options.samples is not None and options.samples < 1:
         raise ValueError("--records and --samples must be at least 1")
     gaps, samples = slice(0), options.samples
@@ -2485,11 +2597,21 @@ def main(argv=None):
     options = _parser().parse_args(argv)
     try:
         COMMANDS[options.command](options)
-    except (ValueError, OSError) as problem:
+    except (ValueError, OSError, OverflowError) as problem:
         print(f"sensorid: {' '.join(str(problem).split())}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("\nsensorid: interrupted, nothing was written", file=sys.stderr)
+    except MemoryError as problem:
+        print(f"sensorid: too large for the memory: {problem}", file=sys.stderr)
+        return 2
+    except (KeyboardInterrupt, SystemError) as problem:
+        # compiled code turns an interrupt into a SystemError
+        if isinstance(problem, SystemError) and not isinstance(
+                problem.__cause__ or problem.__context__, KeyboardInterrupt):
+            raise
+        kept = getattr(options, "checkpoint", None)
+        print("sensorid: interrupted" + (
+            f"; finished trials are kept in {kept}, the same command goes on from there"
+            if kept else ""), file=sys.stderr)
         return 130
     return 0
 

@@ -67,6 +67,20 @@ def test_criteria_are_the_same_bits_for_any_chunks(monkeypatch):
     same(whole, s.criteria(H, 1.0, 200.0, 150, seed=4))
 
 
+def test_a_damaged_chunk_is_computed_again(tmp_path):
+    H = paper_case(2)
+    first = s.criteria(H, 1.0, 50.0, 32, seed=4, checkpoint=tmp_path)
+    for damage in (b"", b"not a chunk"):
+        next(tmp_path.iterdir()).write_bytes(damage)
+        same(first, s.criteria(H, 1.0, 50.0, 32, seed=4, checkpoint=tmp_path))
+
+
+def test_about_zero_nothing_is_relative():
+    h = s.hypothesis("rate_ramp", slope=(-0.1, 0.1), sigma_v=1.0)
+    c = s.criteria([h], 1.0, 20.0, 16, seed=1)
+    assert np.isnan(c.rsd[0].real).all()
+
+
 def test_an_interrupted_run_is_taken_up_with_the_same_bits(tmp_path):
     H = paper_case(2)
 
@@ -88,8 +102,9 @@ def test_an_interrupted_run_is_taken_up_with_the_same_bits(tmp_path):
 
 @pytest.mark.parametrize("change, message", [
     (dict(dt=0.0), "0 < dt <= duration"), (dict(duration=0.5), "0 < dt <= duration"),
-    (dict(trials=1), "at least 2"), (dict(times=[500.0]), "do not lie within")])
+    (dict(trials=15), "15 trials of 2 hypotheses: a criterion needs at least 16"),
+    (dict(times=[500.0]), "do not lie within")])
 def test_senseless_runs_are_refused(change, message):
-    arguments = dict(dt=1.0, duration=100.0, trials=10) | change
+    arguments = dict(dt=1.0, duration=100.0, trials=20) | change
     with pytest.raises(ValueError, match=message):
         s.criteria(paper_case(2), **arguments)

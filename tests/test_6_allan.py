@@ -50,6 +50,17 @@ def test_expected_allan_variance_of_a_ramp_has_its_closed_form():
     assert_allclose(s.model_allan_variance(filt, 8), (3.0 * 4.0)**2 / 2, rtol=1e-12)
 
 
+def test_missing_samples_leave_out_their_pairs_of_clusters():
+    omega = np.random.default_rng(4).normal(size=300)
+    omega[100:120] = np.nan
+    parts = omega[:100], omega[120:]
+    pairs = [len(part) - 2 * 5 + 1 for part in parts]
+    expected = np.average([naive.allan_variance(part, 5) for part in parts],
+                          weights=pairs)
+    assert_allclose(s.allan_variance(omega, 1.0, 5), expected, rtol=1e-9)
+    assert np.isnan(s.allan_variance(np.where(np.arange(9) % 2, np.nan, 1.0), 1.0, 2))
+
+
 def test_a_record_too_short_is_refused():
     with pytest.raises(ValueError, match="m = 6 does not fit a record of 11 samples"):
         s.allan_variance(np.arange(11.0), 1.0, 6)

@@ -65,6 +65,8 @@ def test_an_uneven_record_is_refused_or_resampled(tmp_path):
     ("1,2\n3,4\n", "no header"),
     ("", "no header|no column"),
     ("time,rate\n0,1\n1,2\n", "no column 'error' among time, rate"),
+    ("time,error,error\n0,1,2\n", "names error more than once"),
+    ("time,error\n", "0 samples"),
     ("time,error\n0,1\n1,high\n", "line 3: 'high' in column error is not a number"),
     ("time,error\n0,1\n1\n", "line 3: 1 cells"),
     ("time,error\n0,1\n", "1 samples"),
@@ -97,11 +99,35 @@ def test_other_bad_files_get_one_sentence(tmp_path):
         s.read_record(tmp_path / "d.npz", "error[3]")
 
 
+@pytest.mark.parametrize("arrays, message", [
+    (dict(dt=[]), "dt holds 0 numbers"), (dict(dt=[0.1, 0.2]), "dt holds 2 numbers"),
+    (dict(dt=0.1j), "dt does not hold real"),
+    (dict(dt="fast"), "dt does not hold real"),
+    (dict(time=1.0), "1 times for 40 samples"),
+    (dict(time=np.r_[np.arange(39.0), 1e9]), "cut the gap after sample 38 out"),
+    (dict(time=np.r_[np.arange(39.0), np.nan]), "time of sample 39 is nan")])
+def test_wrong_times_get_one_sentence(tmp_path, arrays, message):
+    np.savez(tmp_path / "r.npz", error=Y, **arrays)
+    with pytest.raises(ValueError, match=message):
+        s.read_record(tmp_path / "r.npz")
+
+
+def test_na_is_a_missing_cell(tmp_path):
+    (tmp_path / "r.csv").write_text("time,error\n" + "".join(
+        f"{i},{'NA' if i == 7 else i % 5}\n" for i in range(30)) + " \n")
+    record = s.read_record(tmp_path / "r.csv", allow_missing=True)
+    assert len(record.error) == 30 and np.isnan(record.error[7])
+
+
 def test_a_row_of_an_array_is_a_record(tmp_path):
     np.savez(tmp_path / "r.npz", gyro=np.stack([Y, 2 * Y]), dt=1.0)
     assert_array_equal(s.read_record(tmp_path / "r.npz", "gyro[1]").error, 2 * Y)
-    np.savez(tmp_path / "s.npz", error=Y[None], dt=1.0)
-    assert_array_equal(s.read_record(tmp_path / "s.npz").error, Y)
+    for shaped in (Y[None], Y[:, None]):
+        np.savez(tmp_path / "s.npz", error=shaped, dt=1.0)
+        assert_array_equal(s.read_record(tmp_path / "s.npz").error, Y)
+    csv(tmp_path / "r.csv", dict(time=np.arange(40), error=Y))
+    with pytest.raises(ValueError, match=r"leave \[3\] out"):
+        s.read_record(tmp_path / "r.csv", "error[3]")
 
 
 MODEL = dict(dt=0.5, unit="deg/h", bias_sigma=2.0, hypotheses=[
@@ -127,6 +153,11 @@ def test_a_model_file_survives_writing_and_reading(tmp_path):
     (dict(hypotheses=[dict(name="sinus", parameters={})]),
      "unknown hypothesis 'sinus'"),
     (dict(hypotheses=[dict(parameters={})]), "a name and parameters are needed"),
+    (dict(unit=None), "unit None must be a text"),
+    (dict(hypotheses=[dict(name="markov", label=5)]), "label 5 of markov must be"),
+    (dict(hypotheses=[dict(name="markov", parameters=dict(model=1))]),
+     "markov has no parameter model"),
+    ("[" * 100000, "not a JSON model file"),
     (dict(hypotheses=[dict(name="white_noise", parameters=dict(sigma_v=[2, 1]))]),
      "upside down"),
     (dict(hypotheses=[dict(name="white_noise", parameters=dict(sigma_v=1))] * 2),

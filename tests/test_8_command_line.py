@@ -71,9 +71,18 @@ def test_criteria_writes_curves(folder):
     ("identify r.npz --hypotheses sine", "unknown hypothesis 'sine'"),
     ("identify r.npz --model m.json --dt 0.5", "but the model is for dt = 1 s"),
     ("identify r.npz --json no/such/o.json", "cannot be written"),
-    ("identify r.npz --plot p.xyz", "pictures of kind .xyz"),
+    ("identify r.npz --plot p.xyz --json o.json", "a picture is one of .png"),
+    ("identify r.npz --json r.npz", "is named twice"),
+    ("identify r.npz --json a.json --save-model ./a.json", "is named twice"),
+    ("identify r.npz --hypotheses markov,markov", "named twice"),
+    ("identify r.npz --hypotheses=", "unknown hypothesis"),
+    ("identify .", "no such file, but a folder"),
+    ("criteria m.json --duration 1e300", "record less"),
+    ("criteria m.json --duration 50 --checkpoint m.json", "a folder is needed"),
+    ("simulate m.json --samples 99999999999999 --out s.npz",
+     "too large for the memory"),
     ("criteria m.json --duration -5", "0 < dt <= duration"),
-    ("criteria m.json --duration 50 --trials 1", "at least 2"),
+    ("criteria m.json --duration 50 --trials 1", "at least 16"),
     ("simulate m.json --samples 0 --out s.npz", "at least 1"),
 ])
 def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, message):
@@ -91,6 +100,50 @@ def test_a_bad_command_gets_one_line(folder, capsys, line):
     with pytest.raises(SystemExit) as stop:
         s.main(line.split())
     assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_prior_that_excludes_the_truth_is_told(folder, capsys):
+    wide = {"dt": 1.0, "hypotheses": [{"name": "random_walk", "parameters": {
+        "sigma_w": [1, 3], "sigma_v": [0.1, 1]}}]}
+    pathlib.Path("w.json").write_text(json.dumps(wide))
+    assert s.main("identify r.npz --model w.json --json o.json".split()) == 0
+    assert "low end of its range: widen the prior" in capsys.readouterr().out
+    (best,) = json.loads(pathlib.Path("o.json").read_text())["hypotheses"]
+    assert abs(best["parameters"]["sigma_w"]["mean"] - 1.0) < 1e-3
+
+
+def test_missing_samples_raise_no_false_alarm(folder, capsys):
+    rng = np.random.default_rng(3)
+    y = rng.normal(size=4000)
+    y[rng.random(4000) < 0.3] = np.nan
+    np.savez("g.npz", error=y, dt=0.1)
+    assert s.main("identify g.npz --allow-missing --plot p.png".split()) == 0
+    assert "no hypothesis describes" not in capsys.readouterr().out
+    y = np.full(4000, np.nan)
+    y[1000::3] = rng.normal(size=1000)
+    np.savez("h.npz", error=y, dt=0.1)
+    assert s.main("identify h.npz --allow-missing --plot p.png".split()) == 0
+
+
+def test_a_large_offset_changes_nothing(folder, capsys):
+    y = np.load("r.npz")["error"]
+    for offset in (0.0, 1e9):
+        np.savez("o.npz", error=y + offset, dt=1.0)
+        assert s.main("identify o.npz --json o.json".split()) == 0
+        found = json.loads(pathlib.Path("o.json").read_text())["hypotheses"][1]
+        assert abs(found["parameters"]["sigma_v"]["mean"] - 0.5) < 0.02
+
+
+def test_outputs_follow_links_and_leave_pipes_alone(folder):
+    os.symlink("target.json", "link.json")
+    os.mkfifo("pipe.json")
+    reader = subprocess.Popen(["cat", "pipe.json"], stdout=subprocess.PIPE)
+    for name in ("link.json", "pipe.json"):
+        assert s.main(f"identify r.npz --json {name}".split()) == 0
+    assert json.loads(reader.communicate()[0])["decision"] == "random_walk"
+    assert os.path.islink("link.json") and json.loads(
+        pathlib.Path("target.json").read_text())
+    assert not pathlib.Path("pipe.json").is_file()
 
 
 def test_the_module_works_when_copied_alone(tmp_path):
