@@ -958,6 +958,7 @@ def _sums_trials(b, y, observed, stretches):
 ABSCISSAE, WEIGHTS = np.polynomial.legendre.leggauss(16)
 GAMMA = 0.8         # threshold of the decision, the paper's value
 TAIL = 14.0         # nats below the mode at which a posterior is cut off: 1e-7 of it
+SETTLED = 0.03      # nats, and standard deviations, that a finer grid may change
 MAX_ZOOMS = 60      # each halves a box or so; 1e-9 of the prior takes 30
 NODES_PER_SD = 1.5  # along every axis; what the prior's edges need,
                     # a Gaussian needs 0.7
@@ -1195,6 +1196,7 @@ class Estimate(NamedTuple):
     theta: np.ndarray            # (M, p) point masses
     weight: np.ndarray           # (M,) mu^kj, sum to 1
     nodes_per_sd: np.ndarray     # (d,) along each axis of the last grid
+    settled: bool                # a finer grid said the same
     updates: int                 # filter steps that it took, all grids together
 
 
@@ -1241,12 +1243,12 @@ def _look(g, mass, box):
     slope = np.zeros((d, d))
     for axis in range(1, d):
         slope[axis, :axis] = np.linalg.pinv(cov[:axis, :axis]) @ cov[:axis, axis]
-    kept = beta * mass > -TAIL * beta - 4.0
+    kept = beta * mass > -TAIL * beta - 6.0
     above = (z - z @ slope.T)[kept]
 
     prior = prior_box(g.hypothesis, g.dt)
     # less than kept, or boxes would swing
-    heavy = beta * mass > -0.7 * TAIL * beta - 2.0
+    heavy = beta * mass > -0.7 * TAIL * beta - 3.0
     at = (z - z @ box.slope.T)[heavy]
     cut_low = ((at < box.low + 0.5 * g.spacing) & (z[heavy] > prior.low + 1e-9)).any(0)
     cut_high = ((at > box.high - 0.5 * g.spacing)
@@ -1273,19 +1275,15 @@ def resolve(h, dt, y, max_nodes=60000):
     Returns
     -------
     Estimate
-        Its `nodes_per_sd` is below NODES_PER_SD only if max_nodes did not suffice.
-
-    Notes
-    -----
-    The posterior of MAX_ZOOMS boxes that did not settle is returned with
-    nodes_per_sd 0.
+        It is not `settled` only if max_nodes or MAX_ZOOMS grids did not suffice.
     """
     offset = np.nanmean(y)      # leaves the sums of a large bias their digits
     bias = -offset, h.bias_sigma**2
     record = (y - offset)[None]
     d = len(prior_box(h, dt).low)
-    nodes = [1, 24, 16, 12, 10, 8, 6][min(d, 6)]
+    nodes = [1, 32, 20, 14, 10, 8, 6][min(d, 6)]
     box, updates = prior_box(h, dt), 0
+    past_evidence, past_mean, settled = np.inf, np.inf, d == 0
     for _ in range(MAX_ZOOMS):
         g = grid(h, dt, nodes, box)
         updates += g.log_prior.size * len(y)
@@ -1295,24 +1293,27 @@ def resolve(h, dt, y, max_nodes=60000):
             _node_columns(g, sums), g.limits, g.power, bias)
         log_evidence, mean, cov = _moments(mass, first, second, *_features(g))
         nodes_per_sd = np.minimum(_nodes_per_sd(g, cov), _edge_nodes(g, mean, cov))
-        resolved = bool((nodes_per_sd >= NODES_PER_SD).all())
-        if d == 0:
+        if settled:
             break
         view = _look(g, mass, box)
-        if resolved and not view.tempered and not view.cut:
-            break
         shrunk = np.prod((view.box.high - view.box.low) / (box.high - box.low))
+        if (nodes_per_sd >= NODES_PER_SD).all() and not view.tempered and not view.cut:
+            # the average may hide a corner: believed when a finer grid says the same
+            sd = np.sqrt(np.diagonal(cov))
+            settled = (abs(log_evidence - past_evidence) < SETTLED
+                       and bool((abs(mean - past_mean) <= SETTLED * sd).all()))
+            if settled:
+                break
+            past_evidence, past_mean, shrunk = log_evidence, mean, 1.0
         if shrunk > 0.8 and not view.cut:
             nodes = int(np.ceil(1.4 * nodes))
             if nodes**d > max_nodes:
                 break
         box = view.box
-    else:
-        nodes_per_sd = 0.0 * nodes_per_sd
     p = len(h.parameters)
     theta, weight = _point_masses(g, mass, first, second)
     return Estimate(h, log_evidence, mean[:p], cov[:p, :p], theta, weight, nodes_per_sd,
-                    updates)
+                    settled, updates)
 
 
 def _point_masses(g, mass, first, second):
@@ -2396,9 +2397,9 @@ def _identify(options):
             for p, m, sd in zip(e.hypothesis.parameters, e.mean,
                                 np.sqrt(np.diag(e.covariance))))
         print(f"{e.hypothesis.name:<20}{posterior.probability[k]:>11.4f}  {text}")
-        if (e.nodes_per_sd < NODES_PER_SD).any():
-            print(f"{'':<33}coarse: only {e.nodes_per_sd.min():.2g} nodes "
-                  "per standard deviation")
+        if not e.settled:
+            print(f"{'':<33}coarse: a finer grid than one of "
+                  f"{e.nodes_per_sd.min():.2g} nodes per standard deviation is needed")
     chosen = decide(posterior)
     print(f"decision at threshold {GAMMA}: "
           + ("none, record longer" if chosen is None else hypotheses[chosen].name))
@@ -2411,7 +2412,8 @@ def _identify(options):
             log_evidence=float(e.log_evidence),
             parameters={p.symbol: dict(mean=float(m), sd=float(sd)) for p, m, sd in zip(
                 e.hypothesis.parameters, e.mean, np.sqrt(np.diag(e.covariance)))},
-            matrices=matrices(e, dt), nodes_per_sd=e.nodes_per_sd.tolist())
+            matrices=matrices(e, dt), nodes_per_sd=e.nodes_per_sd.tolist(),
+            settled=e.settled)
             for k, e in enumerate(posterior.estimates)],
         allan_misfit=dict(tau=misfit.tau, ratio=misfit.ratio, sd=misfit.sd))
     if options.json:

@@ -148,7 +148,8 @@ def test_decision_needs_the_threshold():
 def test_a_coarse_answer_is_not_silent():
     h = s.hypothesis("markov", tau_m=(60, 1500), sigma_m=(0.5, 1.5), sigma_v=0.5)
     y = s.simulate([h], 0.1, 20000, 1, seed=1).error[0]
-    assert (s.resolve(h, 0.1, y, max_nodes=20).nodes_per_sd < s.NODES_PER_SD).any()
+    assert not s.resolve(h, 0.1, y, max_nodes=20).settled
+    assert s.resolve(h, 0.1, y).settled
 
 
 @pytest.mark.parametrize("y, dt, message", [
