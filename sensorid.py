@@ -415,8 +415,7 @@ class Grid(NamedTuple):
     coordinate: np.ndarray    # (M, d) coordinates of the nodes
     spacing: np.ndarray       # (d,) largest distance of neighbours along each axis
     log_prior: np.ndarray     # (M,) includes the quadrature weight
-    limits: np.ndarray        # (M, 1 + E, 3) low and high end of ln scale, blur;
-                              # see below
+    limits: np.ndarray        # (M, 1 + E, 3) low and high end of ln scale, blur
     power: float              # prior of ln scale: scale**power
 
 

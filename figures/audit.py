@@ -22,7 +22,7 @@ INTERVALS = 1.0, 0.5, 0.2, 0.1     # s
 PRIORS = {"bias 0.1 u": dict(bias_sigma=0.1), "bias 1 u": dict(),
           "bias 10 u": dict(bias_sigma=10.0),
           "Markov from 0": dict(markov=markov_from_zero)}
-NODES = 4, 5, 6, 8, 12, 16         # an axis, evenly spaced as in the paper
+NODES = 3, 4, 5, 6, 8, 12, 16         # an axis, evenly spaced as in the paper
 CASES = 1, 2, 3
 
 
