@@ -740,11 +740,11 @@ def _advance_record(y, observed, last_gap, node, memory, state):
     for group in prange(len(node)):
         ak, w, c = (np.empty((TILE, GROUP)), np.empty((TILE, GROUP)),
                     np.empty((TILE, GROUP)))
-        own, past = memory[group], np.empty((4, GROUP))
+        own, gain, sums = memory[group], np.empty(GROUP), np.zeros(3 * GROUP)
         first, drift = 0, 1.0
         while first < n and (drift > 1e-15 or first <= last_gap):
             last = min(first + TILE, n)
-            past[:] = own
+            past = own.copy()
             _gains(observed[first:last], node[group], own, ak, w, c)
             _nodes_abreast(y[first:last], node[group], ak, w, c, state[group])
             first, drift = last, 0.0
@@ -753,16 +753,18 @@ def _advance_record(y, observed, last_gap, node, memory, state):
                             abs(own[0, g] - past[0, g])
                             / (own[0, g] + node[group, 2, g]))
         if first < n:
-            f, mu = own[0] + node[group, 2], 1.0 - own[1]
-            sums = state[group].copy()
-            sums[GROUP:] = 0.0
-            _steady_abreast(y[first:], node[group, 0], node[group, 0] * own[0] / f,
-                            sums)
-            state[group, :GROUP] = sums[:GROUP]
-            state[group, GROUP:2 * GROUP] += sums[GROUP:2 * GROUP] / f
-            state[group, 2 * GROUP:] += sums[2 * GROUP:] * mu / f
-            own[2] += (n - first) * mu * mu / f
-            own[3] += (n - first) * np.log(f)
+            for g in range(GROUP):
+                f = own[0, g] + node[group, 2, g]
+                gain[g] = node[group, 0, g] * own[0, g] / f
+                sums[g] = state[group, g]
+            _steady_abreast(y[first:], node[group, 0], gain, sums)
+            for g in range(GROUP):
+                f, mu = own[0, g] + node[group, 2, g], 1.0 - own[1, g]
+                state[group, g] = sums[g]
+                state[group, g + GROUP] += sums[g + GROUP] / f
+                state[group, g + 2 * GROUP] += sums[g + 2 * GROUP] * mu / f
+                own[2, g] += (n - first) * mu * mu / f
+                own[3, g] += (n - first) * np.log(f)
 
 
 @njit(parallel=True, **JIT)
