@@ -2607,9 +2607,10 @@ def main(argv=None):
         print(f"sensorid: too large for the memory: {problem}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, SystemError) as problem:
-        # compiled code turns an interrupt into a SystemError
-        if isinstance(problem, SystemError) and not isinstance(
-                problem.__cause__ or problem.__context__, KeyboardInterrupt):
+        cause = problem    # compiled code turns an interrupt into SystemErrors
+        while isinstance(cause, SystemError):
+            cause = cause.__cause__
+        if not isinstance(cause, KeyboardInterrupt):
             raise
         kept = getattr(options, "checkpoint", None)
         print("sensorid: interrupted" + (

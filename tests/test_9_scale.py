@@ -89,6 +89,20 @@ def test_a_run_killed_with_9_resumes_with_the_same_bits(tmp_path):
     assert finished.items() <= {f: f.stat().st_mtime_ns for f in kept.iterdir()}.items()
 
 
+def test_an_interrupt_ends_with_one_line_that_says_how_to_go_on(tmp_path):
+    (tmp_path / "m.json").write_text(s.model_text(s.Model(0.1, "u", paper_case(3))))
+    kept = tmp_path / "kept"
+    run = subprocess.Popen([*COMMAND, "a.json", "--checkpoint", "kept"], cwd=tmp_path,
+                           stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while not (kept.is_dir() and any(kept.glob("*.npz"))) and run.poll() is None:
+        time.sleep(0.01)
+    run.send_signal(signal.SIGINT)
+    _, error = run.communicate()
+    assert run.returncode == 130 and error.count("\n") == 1
+    assert "finished trials are kept in kept" in error
+    assert not (tmp_path / "a.json").exists()
+
+
 def test_help_does_not_import_numba():
     code = ("import sys, runpy; sys.argv = ['sensorid', '--help']\n"
             "try: runpy.run_module('sensorid', run_name='__main__')\n"
