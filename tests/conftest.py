@@ -1,6 +1,7 @@
 import pathlib
 
 import pytest
+from numpy.testing import assert_array_equal
 
 import sensorid
 
@@ -22,6 +23,13 @@ def paper_case(number, **change):
         sensorid.hypothesis("random_walk", sigma_w=(0.04, 0.15), **white, **change),
         sensorid.hypothesis("markov", tau_m=(60.0, 1500.0), sigma_m=(0.5, 1.5), **white,
                             **change))
+
+
+def same(a, b):
+    """Two `Criteria` are the same to the last bit."""
+    for x, y in zip((a.error_probability, *a.rsd), (b.error_probability, *b.rsd)):
+        for part in x._fields:
+            assert_array_equal(getattr(x, part), getattr(y, part))
 
 
 RATES = {}    # filled by bench_bank.py

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from conftest import paper_case
-from numpy.testing import assert_array_equal
+from conftest import paper_case, same
 
 import sensorid as s
 
@@ -52,12 +51,6 @@ def test_a_coarse_uniform_grid_separates_real_and_calculated():
     grids = [s.uniform_grid(h, 0.2, 4) for h in H]
     c = s.criteria(H, 0.2, 1000.0, 1500, seed=3, times=[1000.0], grids=grids)
     assert c.error_probability.z[0] > 4
-
-
-def same(a, b):
-    for x, y in zip((a.error_probability, *a.rsd), (b.error_probability, *b.rsd)):
-        for part in x._fields:
-            assert_array_equal(getattr(x, part), getattr(y, part))
 
 
 def test_criteria_are_the_same_bits_for_any_chunks(monkeypatch):

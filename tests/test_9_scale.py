@@ -13,18 +13,11 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from conftest import paper_case
-from numpy.testing import assert_array_equal
+from conftest import paper_case, same
 
 import sensorid as s
 
 RUN = dict(dt=1.0, duration=200.0, trials=300, seed=4)
-
-
-def same(a, b):
-    for x, y in zip((a.error_probability, *a.rsd), (b.error_probability, *b.rsd)):
-        for part in x._fields:
-            assert_array_equal(getattr(x, part), getattr(y, part))
 
 
 @pytest.fixture(scope="module")
