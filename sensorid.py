@@ -31,6 +31,7 @@ import csv
 import hashlib
 import inspect
 import json
+import math
 import os
 import pathlib
 import sys
@@ -44,6 +45,9 @@ if __name__ == "__main__":    # only parses the command line, and quickly
     prange, njit = range, lambda **options: lambda kernel: kernel
 else:
     from numba import njit, prange
+    from scipy.signal import lfilter
+    from scipy.special import (gammainc, log_ndtr, logsumexp, ndtr, ndtri,
+                               ndtri_exp)
 
 __version__ = "0.1.0"
 
@@ -833,6 +837,67 @@ def _advance_general(y, observed, last_gap, first, Phi, Q, H, r, x, P, sums):
                     sums[node, record, 1] += observed[i] * nu * mu / f
 
 
+@njit(parallel=True, **JIT)
+def _advance_modal(y, observed, first, a, q, r, P, x, sums):
+    """Move a bank of sums of n independent one-state processes on, nodes abreast.
+
+    y (C + 1, n_samples) whose last row is ones; a, q (groups, n, GROUP),
+    r (groups, 1 or N, GROUP); filtered covariance P (groups, n, n, GROUP) and state
+    x (groups, C + 1, n, GROUP); sums (groups, C + 1, 2, GROUP) as in
+    `_advance_general`.
+    """
+    columns, samples = y.shape
+    n = a.shape[1]
+    for group in prange(len(a)):
+        Ph, f, weight = np.empty((n, GROUP)), np.empty(GROUP), np.empty(GROUP)
+        nu, mu = np.empty(GROUP), np.empty(GROUP)
+        product = np.ones(GROUP)
+        for i in range(samples):
+            o, noise = observed[i], r[group, min(first + i, r.shape[1] - 1)]
+            for g in range(GROUP):
+                f[g] = noise[g]
+            for row in range(n):
+                for g in range(GROUP):
+                    Ph[row, g] = 0.0
+                for s in range(n):
+                    for g in range(GROUP):
+                        P[group, row, s, g] *= a[group, row, g] * a[group, s, g]
+                        Ph[row, g] += P[group, row, s, g]
+                for g in range(GROUP):
+                    P[group, row, row, g] += q[group, row, g]
+                    Ph[row, g] += q[group, row, g]
+                    f[g] += Ph[row, g]
+            for g in range(GROUP):
+                weight[g] = o / f[g]
+                product[g] *= o * f[g] + (1.0 - o)
+            for row in range(n):
+                for s in range(n):
+                    for g in range(GROUP):
+                        P[group, row, s, g] -= Ph[row, g] * Ph[s, g] * weight[g]
+            for record in range(columns - 1, -1, -1):    # the ones first: they give mu
+                for g in range(GROUP):
+                    nu[g] = y[record, i]
+                for s in range(n):
+                    for g in range(GROUP):
+                        x[group, record, s, g] *= a[group, s, g]
+                        nu[g] -= x[group, record, s, g]
+                for s in range(n):
+                    for g in range(GROUP):
+                        x[group, record, s, g] += Ph[s, g] * weight[g] * nu[g]
+                if record == columns - 1:
+                    for g in range(GROUP):
+                        mu[g] = nu[g]
+                        sums[group, record, 0, g] += weight[g] * mu[g] * mu[g]
+                else:
+                    for g in range(GROUP):
+                        sums[group, record, 0, g] += weight[g] * nu[g] * nu[g]
+                        sums[group, record, 1, g] += weight[g] * nu[g] * mu[g]
+            if i % 8 == 7 or i == samples - 1:
+                for g in range(GROUP):
+                    sums[group, columns - 1, 1, g] += np.log(product[g])
+                    product[g] = 1.0
+
+
 class Bank(NamedTuple):
     """Matrices of all nodes of a grid, stacked for the kernels."""
 
@@ -855,6 +920,14 @@ def _is_scalar(b):
     """Does the one-state kernel apply?"""
     timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == b.r.shape[1] == 1
     return b.Phi.shape[2] == 1 and timeless and np.all(b.H == 1.0) and not b.m0.any()
+
+
+def is_modal(b):
+    """Are all filters sums of independent one-state processes in white noise?"""
+    off = ~np.eye(b.Phi.shape[2], dtype=bool)
+    timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1
+    return bool(timeless and np.all(b.H == 1.0) and not b.m0.any() and not (
+        b.Phi[..., off].any() or b.Q[..., off].any() or b.P0[..., off].any()))
 
 
 def filter_bank(b, y, stops):
@@ -900,8 +973,9 @@ def _sums(b, y, observed, stops):
     stretches = [
         (begin, end, np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1))
         for begin, end in zip([0, *stops[:-1]], stops)]
-    run = (_sums_general if not _is_scalar(b)
-           else _sums_record if len(y) == 1 else _sums_trials)
+    run = (_sums_record if _is_scalar(b) and len(y) == 1
+           else _sums_trials if _is_scalar(b)
+           else _sums_modal if is_modal(b) else _sums_general)
     for end, sums in zip(stops, run(b, y, observed, stretches)):
         yield Sums(int(observed[:end].sum()), *sums)
 
@@ -916,6 +990,28 @@ def _sums_general(b, y, observed, stretches):
         _advance_general(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
                          last_gap, begin, b.Phi, b.Q, b.H, b.r, x, P, sums)
         yield sums[:, :-1, 0].T, sums[:, :-1, 1].T, sums[:, -1, 0], sums[:, -1, 1]
+
+
+def _abreast(part):
+    """Nodes of a bank, first axis, as groups: (groups, ..., GROUP)."""
+    pad = [(0, -len(part) % GROUP)] + [(0, 0)] * (part.ndim - 1)
+    part = np.pad(part, pad, mode="edge")
+    part = part.reshape(-1, GROUP, *part.shape[1:])
+    return np.ascontiguousarray(np.moveaxis(part, 1, -1))
+
+
+def _sums_modal(b, y, observed, stretches):
+    (nodes, n), records = b.m0.shape, len(y)
+    y = np.vstack([y, np.ones(y.shape[1])])
+    a, q = (_abreast(np.diagonal(m[:, 0], 0, 1, 2)) for m in (b.Phi, b.Q))
+    r, P = _abreast(b.r), _abreast(b.P0)
+    x = np.zeros((len(a), records + 1, n, GROUP))
+    sums = np.zeros((len(a), records + 1, 2, GROUP))
+    for begin, end, _ in stretches:
+        _advance_modal(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
+                       begin, a, q, r, P, x, sums)
+        flat = np.moveaxis(sums, -1, 1).reshape(-1, records + 1, 2)[:nodes]
+        yield flat[:, :-1, 0].T, flat[:, :-1, 1].T, flat[:, -1, 0], flat[:, -1, 1]
 
 
 def _scalar_nodes(b):
@@ -1816,7 +1912,2012 @@ def model_allan_variance(filt, m):
         weight, filt.Phi[0], Gamma @ Gamma.T, filt.H[0], filt.m0, filt.P0)
 
 
-# ---- 7. Records and model files --------------- what the command line reads and writes
+# ---- 7. Gap ----------------------- why a simulated record differs from the real one
+#
+# A simulator is a set of hypotheses. Every effect that it may lack joins it as one more
+# hypothesis, in one of four ways:
+#
+#   signature   something known times an unknown size is added to the record;
+#   process     another shaping filter, or another variance, inside the model;
+#   jumps       noises that are not Gaussian: a filter with several modes;
+#   reading     the values themselves are altered: rounded, clipped, repeated.
+#
+# Evidence is integrated over all parameters, Eq. (11), by adaptive importance sampling.
+
+class Scene(NamedTuple):
+    """A record and what was recorded beside it."""
+
+    y: np.ndarray    # (N,) sensor error, u; NaN where missing
+    dt: float        # s
+    columns: dict    # name -> (N,) array
+
+    @property
+    def time(self):
+        """Time since the first sample, s."""
+        return self.dt * np.arange(len(self.y))
+
+    @property
+    def duration(self):
+        return self.dt * len(self.y)
+
+    @property
+    def white(self):
+        """Standard deviation of the white part, from first differences; robust."""
+        step = np.abs(np.diff(self.y))
+        step = step[~np.isnan(step)]
+        scale = np.median(step) / 0.6745 or np.sqrt(np.mean(step**2))
+        return scale / np.sqrt(2.0)
+
+
+class Effect(NamedTuple):
+    """An effect that a simulator may lack; a user's own is another of these."""
+
+    name: str
+    kind: str               # "signature", "process", "jumps" or "reading"
+    parameters: Callable    # of the scene: priors of what is not a size
+    build: Callable         # see `CATALOGUE`
+    size: str = ""          # what the coefficient of a signature is called
+    column: str = ""        # what must be recorded beside the error
+    resembles: str = ""     # what it is confused with
+    experiment: str = ""    # what tells them apart
+
+
+def _none(scene):
+    return ()
+
+
+# ---- signatures: build(scene, column, psi) gives (variant, (N, k) array) pairs
+
+def _centred(x):
+    return x - x.mean()
+
+
+def _from_start(scene, column, psi):
+    yield "", scene.time[:, None]
+
+
+def _step(scene, column, psi):
+    yield "", (scene.time >= psi - 1e-9 * scene.dt)[:, None].astype(float)
+
+
+def _transient(scene, column, psi):
+    yield "", np.exp(-scene.time / psi)[:, None]
+
+
+def _sinusoid(scene, column, psi):
+    phase = 2.0 * np.pi * psi * scene.time
+    yield "", np.column_stack([np.cos(phase), np.sin(phase)])
+
+
+def _linear(scene, column, psi):
+    yield "", _centred(column)[:, None]
+
+
+def _curved(scene, column, psi):
+    yield "square", _centred(column**2)[:, None]
+    yield "modulus", _centred(np.abs(column))[:, None]
+
+
+def _derivative(scene, column, psi):
+    step = np.diff(column) / scene.dt
+    yield "backward", np.append(0.0, step)[:, None]
+    yield "forward", np.append(step, 0.0)[:, None]
+    yield "central", np.gradient(column, scene.dt)[:, None]
+
+
+def lagged(x, dt, tau):
+    """First-order low-pass of time constant tau, s, in steady state at the start."""
+    a = np.exp(-dt / tau)
+    return lfilter([1.0 - a], [1.0, -a], x, zi=[a * x[0]])[0]
+
+
+def _lagged(scene, column, psi):
+    yield "", _centred(lagged(column, scene.dt, psi))[:, None]
+
+
+# ---- processes: build(scene, h) gives a model with further parameters
+
+def _beside(filt, a, sigma):
+    """A shaping filter with Markov processes of factors a, standard deviations sigma
+    added to its output.
+    """
+    n, m, k = filt.Phi.shape[1], filt.Gamma.shape[2], len(a)
+    Phi, Gamma, P0 = (np.zeros((n + k, n + k)), np.zeros((n + k, m + k)),
+                      np.zeros((n + k, n + k)))
+    Phi[:n, :n], Gamma[:n, :m], P0[:n, :n] = filt.Phi[0], filt.Gamma[0], filt.P0
+    for i in range(k):
+        Phi[n + i, n + i] = a[i]
+        Gamma[n + i, m + i] = sigma[i] * np.sqrt(1.0 - a[i]**2)
+        P0[n + i, n + i] = sigma[i]**2
+    return ShapingFilter(Phi[None], Gamma[None],
+                         np.append(filt.H[0], np.ones(k))[None], filt.Psi,
+                         np.append(filt.m0, np.zeros(k)), P0)
+
+
+def _correlated_noise(scene, h):
+    def extended(dt, tau, sigma, **base):
+        return _beside(h.model(dt, **base), [np.exp(-dt / tau)], [sigma])
+    return extended
+
+
+def flicker_times(scene):
+    """Correlation times, s, of the processes that make up flicker noise: from a tenth
+    of the record to the sampling interval, at even distances, five at most.
+    """
+    decades = max(np.log10(0.1 * scene.duration / scene.dt), 0.0)
+    return 0.1 * scene.duration * 10.0**-np.linspace(
+        0.0, decades, int(np.clip(2.0 * decades, 1, 5)))
+
+
+def _bias_instability(scene, h):
+    """Flicker noise, as strong as one Markov process a decade from a tenth of the
+    record downwards would be with the standard deviation sigma all together.
+
+    The coefficient B of IEEE Std 952 (two-sided S = B^2 / (2 pi f)) is sigma times
+    sqrt(pi / (decades ln 10)).
+    """
+    taus = flicker_times(scene)
+    decades = np.floor(max(np.log10(0.1 * scene.duration / scene.dt), 0.0)) + 1.0
+    apart = np.log10(taus[0] / taus[1]) if len(taus) > 1 else 1.0
+    a, part = np.exp(-scene.dt / taus), np.full(len(taus), np.sqrt(apart / decades))
+
+    def extended(dt, sigma, **base):
+        return _beside(h.model(dt, **base), a, sigma * part)
+    return extended
+
+
+def _bandwidth(scene, h):
+    """The white noise passes a first-order low-pass of unit gain at rest."""
+    def extended(dt, tau, **base):
+        filt = h.model(dt, **base)
+        a = np.exp(-dt / tau)
+        low = np.sqrt((1.0 - a) / (1.0 + a)) * filt.Psi
+        return _beside(filt._replace(Psi=np.zeros(1)), [a], low)
+    return extended
+
+
+def _noise_step(scene, h):
+    time = scene.time
+
+    def extended(dt, onset, ratio, **base):
+        filt = h.model(dt, **base)
+        return filt._replace(Psi=filt.Psi * np.where(time >= onset, ratio, 1.0))
+    return extended
+
+
+# ---- readings: build(scene, y, value) alters the values y in place
+
+def _quantize(scene, y, value):
+    seen = scene.y[~np.isnan(scene.y)]
+    origin = seen[0] if len(seen) and lattice(scene.y) else 0.0
+    y[:] = origin + value["lsb"] * np.round((y - origin) / value["lsb"])
+
+
+def _saturate(scene, y, value):
+    np.clip(y, *value["limits"], out=y)
+
+
+def _stick(scene, y, value):
+    for start, length in value["spans"]:
+        first = round(start / scene.dt)
+        y[first:first + int(length)] = y[first:first + 1]
+
+
+def lattice(y):
+    """Spacing of the values of a record, or 0 where they lie on no lattice."""
+    values = np.unique(y[~np.isnan(y)])
+    if len(values) < 3 or len(values) > 0.9 * len(y):
+        return 0.0
+    step = np.diff(values)
+    step = step[step > 1e-9 * (values[-1] - values[0])]
+    lsb = step.min()
+    for _ in range(3):    # refine with ever larger multiples
+        lsb = np.sum(step) / np.sum(np.round(step / lsb))
+    off = np.abs(step / lsb - np.round(step / lsb))
+    return float(lsb) if np.mean(off < 0.05) > 0.95 else 0.0
+
+
+def _log(symbol, low, high):
+    return Parameter(symbol, low, max(high, 1.01 * low), True)
+
+
+def _spread(scene):
+    return max(np.nanstd(scene.y), 3.0 * scene.white)
+
+
+# ---- the catalogue
+
+CATALOGUE = {effect.name: effect for effect in (
+    Effect("rate_ramp", "signature", _none, _from_start, "slope",
+           resembles="random walk, slow transient",
+           experiment="record longer"),
+    Effect("bias_step", "signature",
+           lambda s: (Parameter("onset", s.dt, s.duration - s.dt),), _step, "size",
+           resembles="random walk, one stuck interval",
+           experiment="look for what happened at the onset: a knock, a restart"),
+    Effect("turn_on_transient", "signature",
+           lambda s: (_log("tau", s.duration / 400, s.duration / 3),), _transient,
+           "size", resembles="rate ramp, temperature",
+           experiment="switch off, cool down and on again: it returns"),
+    Effect("sinusoid", "signature",
+           lambda s: (Parameter("frequency", 1.5 / s.duration, 0.5 / s.dt),),
+           _sinusoid, "amplitude", resembles="correlated noise of long period",
+           experiment="damp vibration; an alias moves with the sampling rate"),
+    Effect("temperature", "signature", _none, _linear, "coefficient", "temperature",
+           resembles="random walk, thermal lag",
+           experiment="cycle the temperature twice at different speed"),
+    Effect("thermal_lag", "signature",
+           lambda s: (_log("tau", s.duration / 100, s.duration / 4),), _lagged,
+           "coefficient", "temperature", resembles="temperature",
+           experiment="step the temperature and hold it"),
+    Effect("scale_factor", "signature", _none, _linear, "coefficient", "rate",
+           resembles="nonlinearity",
+           experiment="turn at several known rates of both signs"),
+    Effect("nonlinearity", "signature", _none, _curved, "coefficient", "rate",
+           resembles="scale factor where the rate has one sign",
+           experiment="turn at several known rates of both signs"),
+    Effect("latency", "signature", _none, _derivative, "coefficient", "rate",
+           resembles="scale factor under slow motion",
+           experiment="turn with sharp starts and stops"),
+    Effect("g_sensitivity", "signature", _none, _linear, "coefficient",
+           "acceleration", resembles="scale factor",
+           experiment="turn the sensor over at rest"),
+    Effect("covariate", "signature", _none, _linear, "coefficient", "*",
+           resembles="any drift that moves as the column does",
+           experiment="vary that quantity alone"),
+    Effect("correlated_noise", "process",
+           lambda s: (_log("tau", 1.5 * s.dt, s.duration / 10),
+                      _log("sigma", 0.03 * s.white, _spread(s))), _correlated_noise,
+           resembles="bias instability, random telegraph, random walk",
+           experiment="record longer, sample faster"),
+    Effect("bias_instability", "process",
+           lambda s: (_log("sigma", 0.01 * s.white, _spread(s)),), _bias_instability,
+           resembles="correlated noise, random walk", experiment="record longer"),
+    Effect("bandwidth", "process",
+           lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),), _bandwidth,
+           resembles="correlated noise of short time", experiment="sample faster"),
+    Effect("noise_step", "process",
+           lambda s: (Parameter("onset", s.dt, s.duration - s.dt),
+                      _log("ratio", 0.1, 10.0)), _noise_step,
+           resembles="outliers in clusters",
+           experiment="look for what was switched on at the onset"),
+    Effect("outliers", "jumps",
+           lambda s: (_log("rate", 1.0 / len(s.y), 0.1),
+                      _log("sigma", 2.0 * s.white, 300.0 * s.white)), None,
+           resembles="noise step, random telegraph",
+           experiment="log the raw bus: are they transmission errors?"),
+    Effect("random_telegraph", "jumps",
+           lambda s: (_log("dwell", 3.0 * s.dt, s.duration / 4),
+                      _log("size", 0.1 * s.white, 2.0 * _spread(s))), None,
+           resembles="correlated noise",
+           experiment="average less white noise away: two levels show in a histogram"),
+    Effect("quantization", "reading", _none, _quantize, resembles="white noise",
+           experiment="widen the word length, raise the gain"),
+    Effect("saturation", "reading", _none, _saturate, resembles="skewed noise",
+           experiment="widen the range"),
+    Effect("stuck", "reading", _none, _stick, resembles="quantization",
+           experiment="compare the counters of sensor and logger"),
+    Effect("wrong_parameter", "parameter", _none, None,
+           resembles="correlated noise, bandwidth",
+           experiment="compare the Allan deviation with the data sheet, unit by unit"),
+)}
+
+
+def extend(scene, h, effect):
+    """Hypothesis with a process or jumps as well, and their parameters."""
+    extra = tuple(p._replace(symbol=f"{effect.name}.{p.symbol}")
+                  for p in effect.parameters(scene))
+    inner = effect.build(scene, h) if effect.kind == "process" else (
+        lambda dt, **values: h.model(dt, **values))
+
+    def model(dt, **values):
+        own = {p.symbol.split(".")[1]: values.pop(p.symbol) for p in extra}
+        return inner(dt, **values, **(own if effect.kind == "process" else {}))
+    return h._replace(model=model, parameters=h.parameters + extra)
+
+
+
+# ---- simulation: a simulator with effects added to it
+
+class Added(NamedTuple):
+    """An effect as a simulator has it."""
+
+    effect: Effect
+    column: str          # of the record, "" where none is needed
+    variant: str         # of a signature, "" where there is one only
+    parameters: dict     # symbol -> Parameter; a size, and a phase, among them
+
+
+def simulate_effects(hypotheses, effects, scene, trials=1, seed=0):
+    """Records of hypotheses with effects.
+
+    Parameters
+    ----------
+    hypotheses : sequence of Hypothesis
+        Equally probable.
+    effects : sequence of sequences of Added
+        Those of every hypothesis.
+    scene : Scene
+        Gives the length and the columns; its missing samples will be missing.
+    trials, seed : int
+
+    Returns
+    -------
+    Trials
+        As `simulate` draws them, then altered. Processes and jumps are added to the
+        noise, signatures to the sum, readings last.
+    """
+    extended = []
+    for h, added in zip(hypotheses, effects):
+        for one in added:
+            e = one.effect
+            if e.kind in ("process", "jumps"):
+                h = extend(scene, h, e)
+                own = tuple(one.parameters[p.symbol.partition(".")[2]]._replace(
+                    symbol=p.symbol) if p.symbol.startswith(e.name + ".") else p
+                    for p in h.parameters)
+                h = h._replace(parameters=own)
+        extended.append(h)
+    drawn = simulate(extended, scene.dt, len(scene.y), trials, seed)
+    for trial, y in enumerate(drawn.error):
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, 1)))
+        h = extended[drawn.hypothesis[trial]]
+        values = dict(zip((p.symbol for p in h.parameters), drawn.theta[trial]))
+        _add_jumps(y, scene.dt, values, rng)
+        listed = effects[drawn.hypothesis[trial]]
+        for one in sorted(listed, key=lambda one: one.effect.kind,
+                          reverse=True):    # signatures, then readings
+            e = one.effect
+            value = {symbol: p.low + rng.random() * (p.high - p.low)
+                     if isinstance(p, Parameter) else p
+                     for symbol, p in one.parameters.items()}
+            if e.kind == "signature":
+                y += signature_of(scene, one, value)
+            elif e.kind == "reading":
+                e.build(scene, y, value)
+    drawn.error[:, np.isnan(scene.y)] = np.nan
+    return drawn
+
+
+def signature_of(scene, one, value):
+    """The signature (N,) of an added effect at values of its parameters."""
+    e = one.effect
+    psi = next((value[p.symbol] for p in e.parameters(scene)), np.nan)
+    built = e.build(scene, scene.columns.get(one.column), psi)
+    columns = next(c for variant, c in built if one.variant in ("", variant))
+    size = np.array([value[e.size]])
+    if columns.shape[1] == 2:
+        phase = value.get("phase", 0.0)
+        size = size * [np.cos(phase), -np.sin(phase)]
+    return columns @ size
+
+
+def _add_jumps(y, dt, value, rng):
+    """Outliers and telegraph noise, by the names of their parameters, added to y."""
+    N = len(y)
+    if "outliers.rate" in value:
+        at = rng.random(N) < value["outliers.rate"]
+        y[at] += value["outliers.sigma"] * rng.standard_normal(at.sum())
+    if "random_telegraph.size" in value:
+        change = rng.random(N) < -0.5 * np.expm1(
+            -2.0 * dt / value["random_telegraph.dwell"])
+        level = (rng.integers(2) + np.cumsum(change)) % 2
+        y += value["random_telegraph.size"] * (level - 0.5)
+
+
+# ---- likelihood: Gaussian through the bank, jumps and signatures through a filter of
+# their own
+
+@njit(**JIT)
+def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
+    """Log-likelihood of one record under a filter with outliers and two levels.
+
+    H (N, n) observes n independent processes with factors a, noise variances q and
+    prior variances p0; r (1 or N,). outlier = rate, variance; jump = probability of a
+    change of level, half the distance of the levels (0: one level). out (4, N or 0)
+    gets of every sample the predictive probabilities below and above it, that of its
+    being an outlier, and its log density.
+
+    One Gaussian per level is kept (interacting multiple models; Blom and Bar-Shalom,
+    "The interacting multiple model algorithm", IEEE Trans. Autom. Control 33, 1988).
+    """
+    N, n = H.shape
+    levels = 2 if jump[1] > 0.0 else 1
+    kinds = 2 if outlier[0] > 0.0 else 1
+    x, P = np.zeros((levels, n)), np.zeros((levels, n, n))
+    mx, mP = np.zeros((levels, n)), np.zeros((levels, n, n))
+    weight, prior = np.full(levels, 1.0 / levels), np.full(levels, 1.0 / levels)
+    Ph = np.zeros((levels, n))
+    log_term, f = np.zeros((levels, 2)), np.zeros((levels, 2))
+    total = 0.0
+    for level in range(levels):
+        for s in range(n):
+            P[level, s, s] = p0[s]
+    for i in range(N):
+        if levels == 2:
+            p = jump[0]
+            for level in range(2):
+                stay = weight[level] * (1.0 - p)
+                come = weight[1 - level] * p
+                prior[level] = stay + come
+                share = stay / prior[level]
+                for s in range(n):
+                    mx[level, s] = share * x[level, s] + (1.0 - share) * x[1 - level, s]
+                for s in range(n):
+                    for t in range(s + 1):
+                        mP[level, s, t] = (
+                            share * P[level, s, t] + (1.0 - share) * P[1 - level, s, t]
+                            + share * (1.0 - share)
+                            * (x[0, s] - x[1, s]) * (x[0, t] - x[1, t]))
+            for level in range(2):
+                for s in range(n):
+                    x[level, s] = mx[level, s]
+                    for t in range(s + 1):
+                        P[level, s, t] = P[level, t, s] = mP[level, s, t]
+        for level in range(levels):
+            for s in range(n):
+                x[level, s] *= a[s]
+                Ph[level, s] = 0.0
+                for t in range(n):
+                    P[level, s, t] *= a[s] * a[t]
+                    Ph[level, s] += P[level, s, t] * H[i, t]
+                P[level, s, s] += q[s]
+                Ph[level, s] += q[s] * H[i, s]
+        if np.isnan(y[i]):
+            for level in range(levels):
+                weight[level] = prior[level]
+            continue
+        best, below, above = -np.inf, 0.0, 0.0
+        for level in range(levels):
+            nu = y[i] - (2 * level - 1) * jump[1] * (levels - 1)
+            f0 = r[min(i, len(r) - 1)]
+            for s in range(n):
+                nu -= H[i, s] * x[level, s]
+                f0 += H[i, s] * Ph[level, s]
+            mx[level, 0] = nu
+            for kind in range(kinds):
+                f[level, kind] = f0 + kind * outlier[1]
+                share = prior[level] * (
+                    1.0 if kinds == 1 else outlier[0] if kind else 1.0 - outlier[0])
+                log_term[level, kind] = (np.log(share) - 0.5 * (
+                    LOG_2PI + np.log(f[level, kind]) + nu * nu / f[level, kind]))
+                best = max(best, log_term[level, kind])
+                if out.size:
+                    e = nu / np.sqrt(2.0 * f[level, kind])
+                    below += 0.5 * share * math.erfc(-e)
+                    above += 0.5 * share * math.erfc(e)
+        mass = 0.0
+        for level in range(levels):
+            for kind in range(kinds):
+                log_term[level, kind] = np.exp(log_term[level, kind] - best)
+                mass += log_term[level, kind]
+        total += best + np.log(mass)
+        if out.size:
+            out[0, i], out[1, i] = below, above
+            out[2, i], out[3, i] = 0.0, best + np.log(mass)
+        for level in range(levels):
+            nu, own = mx[level, 0], log_term[level, 0]
+            if kinds == 2:
+                own += log_term[level, 1]
+            weight[level] = max(own / mass, 1e-12)
+            wild = log_term[level, 1] / own if kinds == 2 and own > 0.0 else 0.0
+            if out.size:
+                out[2, i] += weight[level] * wild
+            k0, k1 = 1.0 / f[level, 0], 0.0
+            if kinds == 2:
+                k1 = 1.0 / f[level, 1]
+            gain = (1.0 - wild) * k0 + wild * k1
+            less = gain - wild * (1.0 - wild) * (k0 - k1)**2 * nu * nu
+            for s in range(n):
+                x[level, s] += Ph[level, s] * gain * nu
+                for t in range(n):
+                    P[level, s, t] -= Ph[level, s] * Ph[level, t] * less
+    return total
+
+
+@njit(parallel=True, **JIT)
+def _mixture_filters(y, H, a, q, p0, r, outlier, jump, out):
+    """`_mixture_filter` of every record (R, N) at every node (M, n): (R, M)."""
+    R, M = len(y), len(a)
+    total = np.empty((R, M))
+    for task in prange(R * M):
+        record = task // M
+        node = task - record * M
+        total[record, node] = _mixture_filter(
+            y[record], H, a[node], q[node], p0[node], r[node], outlier[node],
+            jump[node], out[record, node])
+    return total
+
+
+class Nodes(NamedTuple):
+    """A hypothesis at M values of its parameters, as the mixture filter takes it."""
+
+    a: np.ndarray          # (M, n)
+    q: np.ndarray          # (M, n)
+    p0: np.ndarray         # (M, n)
+    r: np.ndarray          # (M, 1 or N)
+    outlier: np.ndarray    # (M, 2)
+    jump: np.ndarray       # (M, 2)
+
+
+def _value(h, theta, symbol):
+    """A parameter by name; 0 where the hypothesis does not have it."""
+    for column, p in enumerate(h.parameters):
+        if p.symbol == symbol:
+            return theta[:, column]
+    return np.zeros(len(theta))
+
+
+def _nodes(h, dt, theta):
+    b = bank(h, dt, theta)
+    if not is_modal(b):
+        raise ValueError(f"{h.name} is no sum of independent one-state processes: "
+                         "only such hypotheses can be diagnosed")
+    a, q = (np.diagonal(m[:, 0], 0, 1, 2) for m in (b.Phi, b.Q))
+    outlier = np.column_stack([_value(h, theta, "outliers.rate"),
+                               _value(h, theta, "outliers.sigma")**2])
+    dwell = _value(h, theta, "random_telegraph.dwell")
+    p = 0.5 * -np.expm1(-2.0 * dt / np.where(dwell > 0, dwell, np.inf))
+    jump = np.column_stack([p, 0.5 * _value(h, theta, "random_telegraph.size")])
+    return Nodes(a, q, np.diagonal(b.P0, 0, 1, 2), b.r, outlier, jump)
+
+
+class Signature(NamedTuple):
+    """A signature that has been found, with the prior of its size."""
+
+    effect: Effect
+    column: str
+    variant: str
+    psi: float
+    columns: np.ndarray    # (N, k)
+    sd: float              # of its size, a priori: wide
+
+
+class Predicted(NamedTuple):
+    """What a mixture filter makes of R records at M nodes."""
+
+    log_likelihood: np.ndarray    # (R, M)
+    z: np.ndarray                 # (R, M, N) normal scores of the samples
+    odd: np.ndarray               # (R, M, N) probability of an outlier
+    log_score: np.ndarray         # (R, M, N) ln of the predictive density
+
+
+def predict(h, y, dt, signatures, theta, samples=True):
+    """`Predicted` of records y (R, N); without `samples` the log-likelihood alone."""
+    v = _nodes(h, dt, theta)
+    S = [s.columns for s in signatures]
+    M, N = len(theta), y.shape[1]
+    k = 1 + sum(s.shape[1] for s in S)
+    H = np.column_stack([np.ones((N, v.a.shape[1] + 1)), *S])
+    sd = np.concatenate([[h.bias_sigma],
+                         *(np.full(s.columns.shape[1], s.sd) for s in signatures)])
+    out = np.full((len(y), M, 4, N if samples else 0), np.nan)
+    total = _mixture_filters(
+        y, H, np.hstack([v.a, np.ones((M, k))]), np.hstack([v.q, np.zeros((M, k))]),
+        np.hstack([v.p0, np.tile(sd**2, (M, 1))]), v.r, v.outlier, v.jump, out)
+    below, above = out[:, :, 0], out[:, :, 1]
+    with np.errstate(divide="ignore"):
+        z = np.where(below < above, ndtri(below), -ndtri(above))
+    return Predicted(total, np.clip(z, -37.0, 37.0), out[:, :, 2], out[:, :, 3])
+
+
+def _has_jumps(h):
+    return any(p.symbol.startswith(("outliers.", "random_telegraph."))
+               for p in h.parameters)
+
+
+def _log_likelihoods(h, scene, signatures, theta):
+    """ln f(Y / theta) (M,): through the bank, unless there are jumps."""
+    if _has_jumps(h):
+        return predict(h, scene.y[None], scene.dt, signatures, theta,
+                       samples=False).log_likelihood[0]
+    gram = _gram(h, scene, [scene.y, *(c for s in signatures for c in s.columns.T)],
+                 theta)
+    variance = np.concatenate([
+        *(np.full(s.columns.shape[1], s.sd**2) for s in signatures),
+        [max(h.bias_sigma, 1e-9)**2]])
+    A = gram.products[:, 1:, 1:] + np.diag(1.0 / variance)
+    b = gram.products[:, 1:, 0]
+    explained = (b[:, None] @ np.linalg.solve(A, b[..., None]))[:, 0, 0]
+    return -0.5 * (gram.count * LOG_2PI + gram.log_det + np.log(variance).sum()
+                   + np.linalg.slogdet(A)[1] + gram.products[:, 0, 0] - explained)
+
+
+class Gram(NamedTuple):
+    """Products c' C^-1 d of columns, the last of them ones, at M nodes."""
+
+    count: int
+    log_det: np.ndarray     # (M,)
+    products: np.ndarray    # (M, c + 1, c + 1)
+
+
+def _gram(h, scene, columns, theta):
+    """`Gram` of columns by polarization: 2 c'd = (c + d)'(c + d) - c'c - d'd."""
+    c, gap = len(columns), np.isnan(scene.y)
+    pairs = [(i, j) for i in range(c) for j in range(i)]
+    rows = np.array([*columns, *(columns[i] + columns[j] for i, j in pairs)])
+    sums = next(filter_bank(bank(h, scene.dt, theta), np.where(gap, np.nan, rows),
+                            [len(scene.y)]))
+    products = np.empty((len(theta), c + 1, c + 1))
+    products[:, c, c] = sums.information
+    for i in range(c):
+        products[:, i, i] = sums.chi2[i]
+        products[:, i, c] = products[:, c, i] = sums.score[i]
+    for chi2, (i, j) in zip(sums.chi2[c:], pairs):
+        products[:, i, j] = products[:, j, i] = 0.5 * (
+            chi2 - sums.chi2[i] - sums.chi2[j])
+    return Gram(sums.count, sums.log_det, products)
+
+
+# ---- evidence by adaptive importance sampling
+
+class Sample(NamedTuple):
+    """A weighted sample of a posterior."""
+
+    theta: np.ndarray           # (M, p)
+    log_weight: np.ndarray      # (M,) ln prior / proposal
+    log_likelihood: np.ndarray  # (M, E), of E rival explanations
+    log_evidence: np.ndarray    # (E,)
+
+    @property
+    def weight(self):
+        """Posterior weights over all explanations, (M,)."""
+        w = self.log_weight + logsumexp(self.log_likelihood, axis=1)
+        w = np.exp(w - w.max())
+        return w / w.sum()
+
+
+POINTS = 64       # of a round
+ROUNDS = 14       # at most
+ENOUGH = 80.0    # effective points at which the evidence is good to 0.1 nat
+
+
+def _from_normal(x, parameters):
+    """Parameters at standard normal coordinates; their prior is N(0, I) there."""
+    theta = np.empty((len(x), len(parameters)))
+    axis = 0
+    for column, p in enumerate(parameters):
+        if p.free:
+            u = ndtr(x[:, axis])
+            theta[:, column] = (p.low * (p.high / p.low)**u if p.log
+                                else p.low + u * (p.high - p.low))
+            axis += 1
+        else:
+            theta[:, column] = p.low
+    return theta
+
+
+def _to_normal(theta, parameters):
+    """The inverse of `_from_normal`, kept within five standard deviations."""
+    u = [np.log(theta[:, c] / p.low) / np.log(p.high / p.low) if p.log
+         else (theta[:, c] - p.low) / (p.high - p.low)
+         for c, p in enumerate(parameters) if p.free]
+    return ndtri(np.clip(np.column_stack(u), 3e-7, 1 - 3e-7))
+
+
+def _log_t(x, mean, chol, nu=5.0):
+    """Log density of a multivariate Student t, up to a constant of d and nu."""
+    e = np.linalg.inv(chol) @ (x - mean).T
+    d = len(mean)
+    return (-0.5 * (nu + d) * np.log1p((e * e).sum(0) / nu)
+            - np.log(np.diag(chol)).sum()
+            + math.lgamma(0.5 * (nu + d)) - math.lgamma(0.5 * nu)
+            - 0.5 * d * np.log(nu * np.pi))
+
+
+def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
+    """Evidence and posterior sample by adaptive multiple importance sampling.
+
+    Parameters
+    ----------
+    log_likelihood : function of theta (M, p)
+        Gives (M, E): log-likelihoods of E rival explanations, whose sum is sampled.
+    parameters : tuple of Parameter
+    guess : (k,) and (k, k) array, optional
+        Mean and covariance that the first k free parameters may have, in the
+        coordinates where the prior is standard normal.
+    start : (m, p) array, optional
+        Places where mass is suspected.
+    seed : int
+
+    Returns
+    -------
+    Sample
+
+    Notes
+    -----
+    J.-M. Cornuet, J.-M. Marin, A. Mira, C. Robert, "Adaptive multiple importance
+    sampling", Scand. J. Stat. 39, 2012. Coordinates in which the prior is N(0, I) have
+    no edges. Early proposals follow the tempered posterior.
+    """
+    d = sum(p.free for p in parameters)
+    if d == 0:
+        theta = _from_normal(np.zeros((1, 0)), parameters)
+        ll = log_likelihood(theta)
+        return Sample(theta, np.zeros(1), ll, ll[0])
+    rng = np.random.default_rng(seed)
+    # Latin hypercube of the prior
+    strata = np.array([rng.permutation(POINTS) for _ in range(d)]).T
+    x = ndtri((strata + rng.random(strata.shape)) / POINTS)
+    parts = [(POINTS, lambda x: -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI)]
+
+    def propose(mean, cov):
+        chol = np.linalg.cholesky(cov + 1e-12 * np.eye(d))
+        parts.append((POINTS, lambda x: _log_t(x, mean, chol)))
+        return mean + (rng.standard_normal((POINTS, d)) @ chol.T
+                       / np.sqrt(rng.chisquare(5, (POINTS, 1)) / 5))
+    if guess is not None:
+        k = len(guess[0])
+        mean, cov = np.zeros(d), np.eye(d)
+        mean[:k], cov[:k, :k] = guess[0], 1.2 * guess[1]
+        x = np.vstack([x, propose(mean, cov)])
+    if start is not None and len(start):
+        mean = _to_normal(start, parameters)
+        at = mean[rng.integers(len(mean), size=POINTS)]
+        chol = 0.05 * np.eye(d)
+        x = np.vstack([x, at + rng.standard_t(5, at.shape) @ chol])
+        parts.append((POINTS, lambda x, m=mean, c=chol: logsumexp(
+            [_log_t(x, one, c) for one in m], axis=0) - np.log(len(m))))
+    ll = log_likelihood(_from_normal(x, parameters))
+    for _ in range(ROUNDS):
+        log_q = logsumexp([np.log(n) + density(x) for n, density in parts], axis=0)
+        log_w = -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI - log_q
+        total = logsumexp(ll, axis=1)
+
+        def tempered(beta):
+            w = np.exp(beta * (total - total.max()) + log_w - log_w.max())
+            return w / w.sum(), w.sum()**2 / (w @ w)
+        w, effective = tempered(1.0)
+        if effective >= ENOUGH:
+            break
+        low, beta = 0.0, 1.0
+        if effective < 5.0 * (d + 1):
+            for _ in range(30):
+                middle = 0.5 * (low + beta)
+                low, beta = ((middle, beta)
+                             if tempered(middle)[1] > 5.0 * (d + 1) else (low, middle))
+            w = tempered(low)[0]
+        mean = w @ x
+        new = propose(mean, 1.2 * np.atleast_2d(np.cov(x.T, aweights=w, ddof=0)))
+        x = np.vstack([x, new])
+        ll = np.vstack([ll, log_likelihood(_from_normal(new, parameters))])
+    log_q = logsumexp([np.log(n) + density(x) for n, density in parts], axis=0)
+    log_w = -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI - log_q
+    return Sample(_from_normal(x, parameters), log_w, ll,
+                  logsumexp(ll + log_w[:, None], axis=0))
+
+
+# ---- signatures: one backward pass serves all of them
+
+@njit(parallel=True, **JIT)
+def _adjoint(y, observed, a, q, p0, r):
+    """C^-1 y of every column, and s' C^-1 s of a step s at every sample.
+
+    y (C, N); a, q, p0 (M, n), r (M, 1 or N). Returns w (M, C, N), steps (M, N) and
+    log_det (M,): P. De Jong, J. Penzer, "Diagnosing shocks in time series", J. Am.
+    Stat. Assoc. 93, 1998, with the output shifted for good as the shock.
+    """
+    C, N = y.shape
+    M, n = a.shape
+    w, steps, log_det = np.zeros((M, C, N)), np.zeros((M, N)), np.zeros(M)
+    for node in prange(M):
+        K, weight = np.zeros((N, n)), np.zeros(N)
+        P, x, g = np.zeros((n, n)), np.zeros((C, n)), np.zeros(n)
+        for s in range(n):
+            P[s, s] = a[node, s]**2 * p0[node, s] + q[node, s]
+        for i in range(N):
+            f = r[node, min(i, r.shape[1] - 1)]
+            for s in range(n):
+                g[s] = P[s, :].sum()
+                f += g[s]
+            weight[i] = observed[i] / f
+            if observed[i] > 0.0:
+                log_det[node] += np.log(f)
+            for s in range(n):
+                K[i, s] = a[node, s] * g[s] * weight[i]
+                for t in range(n):
+                    P[s, t] = a[node, s] * a[node, t] * (
+                        P[s, t] - g[s] * g[t] * weight[i])
+                P[s, s] += q[node, s]
+            for c in range(C):
+                nu = y[c, i]
+                for s in range(n):
+                    nu -= x[c, s]
+                w[node, c, i] = nu * weight[i]
+                for s in range(n):
+                    x[c, s] = a[node, s] * x[c, s] + K[i, s] * nu
+        R, D, kD = np.zeros((C, n)), np.zeros((n + 1, n + 1)), np.zeros(n + 1)
+        for i in range(N - 1, -1, -1):
+            for c in range(C):
+                for s in range(n):
+                    w[node, c, i] -= K[i, s] * R[c, s]
+                for s in range(n):
+                    R[c, s] = w[node, c, i] + a[node, s] * R[c, s]
+            # D = h h' / f + L' D L with L = diag(a, 1) - (K, 0) h'
+            for t in range(n + 1):
+                kD[t] = 0.0
+                for s in range(n):
+                    kD[t] += D[t, s] * K[i, s]
+            kDk = 0.0
+            for s in range(n):
+                kDk += K[i, s] * kD[s]
+            for s in range(n + 1):
+                a_s = a[node, s] if s < n else 1.0
+                for t in range(n + 1):
+                    a_t = a[node, t] if t < n else 1.0
+                    D[s, t] = (a_s * a_t * D[s, t] - a_s * kD[s] - a_t * kD[t]
+                               + kDk + weight[i])
+            steps[node, i] = D[n, n]
+    return w, steps, log_det
+
+
+SIZES = 4.0**np.arange(1, 9)    # prior variances of a size, in its sampling variance:
+                                # 2 to 256 standard errors, equally probable
+_ROOT = np.arange(0.0, 1000.0, 0.02)    # square roots of gains in the table
+
+
+def _log_bayes(gain, k):
+    """ln B of k sizes whose squared standard scores sum to `gain`, per prior variance.
+
+    Closed form (A. Willsky and H. Jones, IEEE Trans. Autom. Control 21, 1976).
+    """
+    return -0.5 * k * np.log1p(SIZES) + 0.5 * np.multiply.outer(
+        gain, SIZES / (1.0 + SIZES))
+
+
+_TABLE = {k: np.logaddexp.reduce(_log_bayes(_ROOT**2, k), axis=-1) - np.log(len(SIZES))
+          for k in (1, 2)}
+
+
+@njit(parallel=True, **JIT)
+def _mean_bayes(gain, table, per_unit):
+    """ln of the mean Bayes factor over all psi, (M,), from gains (M, m)."""
+    M, m = gain.shape
+    result = np.empty(M)
+    plain = np.exp(table[:int(20.0 * per_unit)])    # spares an exp for each small gain
+    for node in prange(M):
+        best = 0.0
+        for j in range(m):
+            best = max(best, gain[node, j])
+        small, large = 0.0, 0.0
+        for j in range(m):
+            at = np.sqrt(gain[node, j]) * per_unit
+            low = min(int(at), len(table) - 2)
+            if low < len(plain) - 1:
+                small += plain[low] + (at - low) * (plain[low + 1] - plain[low])
+            elif gain[node, j] > best - 100.0:
+                large += np.exp(table[low] + (at - low) * (table[low + 1] - table[low])
+                                - 0.5 * best)
+        result[node] = np.log(small * np.exp(-0.5 * best) + large) + 0.5 * best
+    return result - np.log(m)
+
+
+class Scan(NamedTuple):
+    """Signatures of one effect at many values of psi, for M nodes."""
+
+    psi: np.ndarray     # (m,)
+    gain: np.ndarray    # (M, m) squared standard score of the size
+    size: np.ndarray    # (M, m) least-squares size (of a sinusoid: amplitude)
+    sd: np.ndarray      # (M, m) its standard error
+    k: int
+
+
+@njit(parallel=True, **JIT)
+def _products(rows, columns):
+    """rows @ columns.T, without a second set of threads that would get in the way."""
+    M, N = rows.shape
+    result = np.empty((M, len(columns)))
+    for m in prange(M):
+        for c in range(len(columns)):
+            total = np.zeros(8)
+            for i in range(0, N - N % 8, 8):
+                for lane in range(8):
+                    total[lane] += rows[m, i + lane] * columns[c, i + lane]
+            rest = 0.0
+            for i in range(N - N % 8, N):
+                rest += rows[m, i] * columns[c, i]
+            result[m, c] = total.sum() + rest
+    return result
+
+
+class Solved(NamedTuple):
+    """What all signatures need of a record: C^-1 (y - fit) at M nodes."""
+
+    base: np.ndarray       # (M,) log-likelihood without a further signature
+    residual: np.ndarray   # (M, N) C^-1 y less what bias and signatures explain
+    w: np.ndarray          # (M, c, N) C^-1 of the columns known already
+    cov: np.ndarray        # (M, c, c) of their sizes
+    steps: np.ndarray      # (M, N)
+    size: np.ndarray       # (M, c) sizes of the columns known already
+
+
+def solve(h, scene, signatures, theta):
+    """`Solved` of a hypothesis without jumps."""
+    y = np.where(np.isnan(scene.y), 0.0, scene.y)
+    observed = 1.0 - np.isnan(scene.y)
+    X = np.vstack([np.ones_like(y), *(s.columns.T for s in signatures)])
+    var = np.concatenate([[max(h.bias_sigma, 1e-9)**2],
+                          *(np.full(s.columns.shape[1], s.sd**2) for s in signatures)])
+    v = _nodes(h, scene.dt, theta)
+    w, steps, log_det = _adjoint(np.vstack([y, X]), observed, *v[:4])
+    M, c, N = w.shape
+    product = _products(w.reshape(-1, N), np.vstack([X, y])).reshape(M, c, c)
+    A = np.diag(1.0 / var) + product[:, 1:, :-1]
+    cov = np.linalg.inv(A)
+    b = product[:, 0, :-1]
+    size = np.einsum("mij,mj->mi", cov, b)
+    chi2 = product[:, 0, -1] - (b * size).sum(1)
+    base = -0.5 * (observed.sum() * LOG_2PI + log_det + np.log(var).sum()
+                   + np.linalg.slogdet(A)[1] + chi2)
+    residual = w[:, 0] - np.einsum("mj,mji->mi", size, w[:, 1:])
+    return Solved(base, residual, w[:, 1:], cov, steps, size)
+
+
+def _from_columns(columns, psi, quadratic, solved):
+    """Scan of explicit (m, k, N) signatures; quadratic (M, m, k, k) = s' C^-1 s."""
+    m, k, N = columns.shape
+    flat = columns.reshape(-1, N)
+    M, c = solved.w.shape[:2]
+    cross = _products(solved.w.reshape(-1, N), flat).reshape(M, c, m, k)
+    J = quadratic - np.einsum("mcak,mcd,mdal->makl", cross, solved.cov, cross)
+    number = _products(solved.residual, flat).reshape(-1, m, k)
+    if k == 1:
+        J = np.maximum(J[..., 0, 0], 1e-300)
+        number = number[..., 0]
+        return Scan(psi, number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
+    J += 1e-9 * np.trace(J, axis1=2, axis2=3)[..., None, None] * np.eye(k)
+    part = np.linalg.solve(J, number[..., None])[..., 0]
+    return Scan(psi, (number * part).sum(-1), np.sqrt((part**2).sum(-1)),
+                np.sqrt(k / np.trace(J, axis1=2, axis2=3)), k)
+
+
+def _quadratic(h, scene, columns, theta):
+    """s' C^-1 s (M, m, k, k) of (m, k, N) columns, by polarization through the bank."""
+    m, k, N = columns.shape
+    gap = np.isnan(scene.y)
+    flat = [columns[:, i] for i in range(k)]
+    if k == 2:
+        flat.append(columns[:, 0] + columns[:, 1])
+    flat = np.where(gap, np.nan, np.concatenate(flat))
+    chi2 = next(filter_bank(bank(h, scene.dt, theta), flat, [N])).chi2
+    chi2 = np.moveaxis(chi2.reshape(-1, m, len(theta)), 2, 1)
+    if k == 1:
+        return chi2[0, :, :, None, None]
+    cross = 0.5 * (chi2[2] - chi2[0] - chi2[1])
+    return np.moveaxis(np.array([[chi2[0], cross], [cross, chi2[1]]]), (0, 1), (-2, -1))
+
+
+PADDING = 4    # frequencies per 1 / T
+
+
+def _scan_steps(solved, scene):
+    number = np.cumsum(solved.residual[:, ::-1], axis=1)[:, ::-1]
+    cross = np.cumsum(solved.w[:, :, ::-1], axis=2)[:, :, ::-1]
+    J = solved.steps - np.einsum("mci,mcd,mdi->mi", cross, solved.cov, cross)
+    J = np.maximum(J, 1e-6 * solved.steps + 1e-300)[:, 1:]
+    number = number[:, 1:]
+    return Scan(scene.time[1:], number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
+
+
+def _scan_frequencies(h, solved, scene, theta):
+    n = PADDING * len(scene.y)
+    v = _nodes(h, scene.dt, theta)
+    frequency = np.fft.rfftfreq(n, scene.dt)
+    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)    # |1 - e^-iw|^2
+    S = sum(q[:, None] / ((1.0 - a[:, None])**2 + a[:, None] * turn + 1e-300)
+            for a, q in zip(v.a.T, v.q.T))
+    first, last = v.r[:, :1], v.r[:, -1:]    # two levels of the noise at most
+    step = np.where(last == first, 1.0, last - first)
+    share = (v.r.mean(1, keepdims=True) - first) / step
+    J = 0.5 * (~np.isnan(scene.y)).sum() * (
+        (1.0 - share) / (S + first) + share / (S + last))
+    line = np.fft.rfft(solved.residual, n)
+    frequency = np.fft.rfftfreq(n, scene.dt)
+    keep = slice(int(1.5 * PADDING), -PADDING)
+    square = line.real[:, keep]**2 + line.imag[:, keep]**2
+    J = J[:, keep]
+    return Scan(frequency[keep], square / J, np.sqrt(square) / J, 1.0 / np.sqrt(J), 2)
+
+
+class Search(NamedTuple):
+    """One effect on one column: the signatures to be tried."""
+
+    effect: Effect
+    column: str            # "" where none is needed
+    psi: np.ndarray        # (m,)
+    variant: tuple         # (m,)
+    columns: np.ndarray    # (m, k, N); None for onsets and frequencies
+
+
+STEPS = 16    # values of a psi that is neither onset nor frequency
+
+
+def searches(scene, effects, signatures=()):
+    """What there is to be searched for in a scene."""
+    found = {(s.effect.name, s.column) for s in signatures}
+    result = []
+    for e in effects:
+        if e.kind != "signature":
+            continue
+        columns = {"": None}
+        if e.column:
+            own = {c.column for c in CATALOGUE.values()}
+            columns = {name: x for name, x in scene.columns.items()
+                       if (name == e.column or e.column == "*" and name not in own)
+                       and np.std(x) > 0.0}
+        for name, x in columns.items():
+            if (e.name, name) in found and e.build not in (_step, _sinusoid):
+                continue
+            if e.build in (_step, _sinusoid):
+                result.append(Search(e, name, None, None, None))
+                continue
+            psi = [np.nan]
+            for p in e.parameters(scene):
+                psi = np.geomspace(p.low, p.high, STEPS)
+            parts = [(value, *part) for value in psi
+                     for part in e.build(scene, x, value)]
+            result.append(Search(e, name, np.array([p[0] for p in parts]),
+                                 tuple(p[1] for p in parts),
+                                 np.array([p[2].T for p in parts])))
+    return result
+
+
+def scan(h, scene, signatures, search, theta, solved):
+    """`Scan` of one search, or of several by the generic way."""
+    if search.effect.build is _step:
+        return _scan_steps(solved, scene)
+    if search.effect.build is _sinusoid:
+        return _scan_frequencies(h, solved, scene, theta)
+    return _from_columns(search.columns, search.psi,
+                         _quadratic(h, scene, search.columns, theta), solved)
+
+
+def signature_evidence(h, scene, signatures, list_of_searches, guess=None,
+                       table_of=None):
+    """Sample of a hypothesis with no further signature, and with each of a list.
+
+    table_of : dict of ln B against `_ROOT` for one and two sizes, by default _TABLE.
+    """
+    table_of = _TABLE if table_of is None else table_of
+    explicit = [s for s in list_of_searches if s.columns is not None]
+
+    def log_likelihood_of(theta):
+        solved = solve(h, scene, signatures, theta)
+        table = [solved.base]
+        quadratic = iter(())
+        if explicit:
+            together = np.concatenate([s.columns for s in explicit])
+            split = np.cumsum([len(s.columns) for s in explicit])[:-1]
+            quadratic = iter(np.split(_quadratic(h, scene, together, theta), split, 1))
+        for s in list_of_searches:
+            result = (scan(h, scene, signatures, s, theta, solved) if s.columns is None
+                      else _from_columns(s.columns, s.psi, next(quadratic), solved))
+            table.append(solved.base + _mean_bayes(
+                np.ascontiguousarray(result.gain), table_of[result.k], 1.0 / _ROOT[1]))
+        return np.column_stack(table)
+    return integrate(log_likelihood_of, h.parameters, guess)
+
+
+# ---- what readings hide is seen in the values themselves
+
+class Reading(NamedTuple):
+    """An effect of the reading that a record shows."""
+
+    effect: str
+    value: dict          # lsb, limits or spans
+    log_bayes: float     # a continuous simulator never repeats a value
+    masked: np.ndarray   # (N,) samples that say nothing of the rest
+    opaque: bool         # it hides what else there may be
+
+
+COINCIDENCE = 23.0    # nats: what one repeated value in double precision is worth,
+                      # about ln(1e10 distinguishable values in the noise)
+COARSE = 0.1          # of the white noise: a finer lattice is how a file was printed
+HIDDEN = 0.05         # of the samples: more clipped ones are not missing at random, as
+                      # the filters assume; nor is rounding by more than the noise a
+                      # white noise of its own (B. Widrow, I. Kollar, "Quantization
+                      # Noise", 2008)
+
+
+def readings(scene):
+    """Quantization, saturation and stuck samples of a record, as a tuple of Reading."""
+    y, N, found = scene.y, len(scene.y), []
+    seen = y[~np.isnan(y)]
+    lsb = lattice(y)
+    noise = np.sqrt(max(np.mean(np.diff(seen)**2) / 2.0 - lsb**2 / 12.0, 0.0))
+    # saturation: the last value is met far more often than a tail allows
+    clipped, limits = np.zeros(N, bool), []
+    for sign in (-1.0, 1.0):
+        end = sign * np.max(sign * seen)
+        before = np.sum(np.abs(y - (end - sign * lsb)) < 0.5 * lsb)
+        full = np.sum(y == end) >= 3 + 2.0 * before + 6.0 * np.sqrt(before)
+        limits.append(float(end) if full else sign * np.inf)
+        clipped |= (y == end) & full
+    # stuck: a run of equal values longer than chance; its first is a reading
+    same = np.append(False, np.diff(y) == 0.0) & ~clipped
+    start = np.flatnonzero(same & ~np.append(False, same[:-1]))
+    length = np.flatnonzero(same & ~np.append(same[1:], False)) + 1 - start
+    enough = 2
+    if lsb:    # a value in the middle of its cell stays there by chance
+        tie = math.erf(lsb / max(2.0 * np.sqrt(2.0) * noise, 1e-9 * lsb))
+        enough = np.log(1e-4 / N) / np.log(tie) if lsb < 2.0 * noise else np.inf
+    spans = [(begin - 1, n + 1) for begin, n in zip(start, length) if n >= enough]
+    stuck = np.zeros(N, bool)
+    for begin, n in spans:
+        stuck[begin + 1:begin + n] = True
+    if clipped.any():
+        found.append(Reading("saturation", dict(limits=limits),
+                             COINCIDENCE * clipped.sum(), clipped,
+                             bool(clipped.mean() > HIDDEN)))
+    if spans:
+        spans = [[float(begin * scene.dt), int(n)] for begin, n in spans]
+        found.append(Reading("stuck", dict(spans=spans), COINCIDENCE * stuck.sum(),
+                             stuck, False))
+    if lsb > COARSE * noise:
+        found.append(Reading("quantization", dict(lsb=lsb), COINCIDENCE * N,
+                             np.zeros(N, bool), bool(lsb > noise)))
+    return tuple(found)
+
+
+def without_readings(y, found):
+    """Records (R, N) with NaN where a reading says nothing more of the true value."""
+    y = y.copy()
+    for r in found:
+        if r.effect == "saturation":
+            y[(y <= r.value["limits"][0]) | (y >= r.value["limits"][1])] = np.nan
+        elif r.effect == "stuck":
+            y[:, r.masked] = np.nan
+    return y
+
+
+def with_quantization(h, lsb):
+    """Hypothesis whose white noise includes that of rounding, lsb^2 / 12."""
+    def model(dt, **values):
+        filt = h.model(dt, **values)
+        return filt._replace(Psi=np.sqrt(filt.Psi**2 + lsb**2 / 12.0))
+    return h._replace(model=model)
+
+
+# ---- which: one more effect at a time
+
+class Account(NamedTuple):
+    """What a record is explained by."""
+
+    bases: tuple         # of Hypothesis: the simulator without effects
+    hypotheses: tuple    # the same with processes and jumps
+    signatures: tuple    # of Signature
+    readings: tuple      # of Reading
+    samples: tuple       # of Sample, one of every hypothesis
+    log_evidence: float
+
+    @property
+    def best(self):
+        """Number of the most probable hypothesis."""
+        return int(np.argmax([s.log_evidence[0] for s in self.samples]))
+
+    @property
+    def theta(self):
+        """Posterior mean of the parameters of that hypothesis."""
+        return self.samples[self.best].weight @ self.samples[self.best].theta
+
+
+def account(scene, bases, hypotheses=None, signatures=(), found=(), past=None):
+    """Fit of all hypotheses to a scene, with equal prior probabilities.
+
+    `past` is an account of hypotheses with fewer parameters, if there is one.
+    """
+    hypotheses = bases if hypotheses is None else hypotheses
+    samples = tuple(integrate(
+        lambda theta, h=h: _log_likelihoods(h, scene, signatures, theta)[:, None],
+        h.parameters, _guess(past, number), _starts(h, scene))
+        for number, h in enumerate(hypotheses))
+    return Account(tuple(bases), tuple(hypotheses), tuple(signatures), tuple(found),
+                   samples, _mean_evidence([s.log_evidence[0] for s in samples]))
+
+
+def _guess(acc, number):
+    """Mean and covariance of a hypothesis in the coordinates of `integrate`."""
+    if acc is None:
+        return None
+    sample, parameters = acc.samples[number], acc.hypotheses[number].parameters
+    if not any(p.free for p in parameters):
+        return None
+    x = _to_normal(sample.theta, parameters)
+    return sample.weight @ x, np.atleast_2d(np.cov(x.T, aweights=sample.weight, ddof=0))
+
+
+def _mean_evidence(log_evidence):
+    return float(logsumexp(log_evidence) - np.log(len(log_evidence)))
+
+
+def _starts(h, scene):
+    """Suspected onsets of a change of variance, for the sampler: few find them."""
+    symbols = [p.symbol for p in h.parameters]
+    if "noise_step.onset" not in symbols:
+        return None
+    step = np.diff(scene.y)
+    power = np.where(np.isnan(step), 0.0, step**2)
+    n = np.cumsum(~np.isnan(step))
+    first, n1 = np.cumsum(power), np.maximum(n, 1)
+    last, n2 = first[-1] - first, np.maximum(n[-1] - n, 1)
+    low = 1e-12 * first[-1] / n[-1]
+    gain = -0.25 * (n1 * np.log(first / n1 + low) + n2 * np.log(last / n2 + low))
+    gain[:8] = gain[-8:] = -np.inf
+    at = np.random.default_rng(0).choice(len(gain), 12, p=probabilities(gain))
+    theta = np.array([[0.5 * (p.low + p.high) for p in h.parameters]] * len(at))
+    theta[:, symbols.index("noise_step.onset")] = at * scene.dt
+    theta[:, symbols.index("noise_step.ratio")] = np.clip(
+        np.sqrt((last[at] / n2[at] + low) / (first[at] / n1[at] + low)), 0.11, 9.0)
+    for column, symbol in enumerate(symbols):
+        if symbol == "sigma_v":
+            p = h.parameters[column]
+            theta[:, column] = np.clip(np.sqrt(first[at] / n1[at] / 2), p.low, p.high)
+    return theta
+
+
+def _gaussian(scene, acc):
+    """Scene, hypotheses and prior samples without jumps: sure outliers are masked,
+    a telegraph becomes the Markov process of its covariance.
+    """
+    h, sample = acc.hypotheses[acc.best], acc.samples[acc.best]
+    if not _has_jumps(h):
+        return scene, acc.hypotheses
+    mean = (sample.weight @ sample.theta)[None]
+    odd = predict(h, scene.y[None], scene.dt, acc.signatures, mean).odd[0, 0]
+    masked = scene._replace(y=np.where(odd > 0.5, np.nan, scene.y))
+    plain = []
+    for h, sample in zip(acc.hypotheses, acc.samples):
+        values = dict(zip((p.symbol for p in h.parameters),
+                          sample.weight @ sample.theta))
+        jumps = {s: v for s, v in values.items()
+                 if s.startswith(("outliers.", "random_telegraph."))}
+
+        def model(dt, h=h, jumps=jumps, **rest):
+            filt = h.model(dt, **rest, **jumps)
+            if "random_telegraph.size" in jumps:
+                filt = _beside(
+                    filt, [np.exp(-2.0 * dt / jumps["random_telegraph.dwell"])],
+                    [0.5 * jumps["random_telegraph.size"]])
+            return filt
+        plain.append(h._replace(model=model, parameters=tuple(
+            p for p in h.parameters if p.symbol not in jumps)))
+    return masked, tuple(plain)
+
+
+class Cause(NamedTuple):
+    """An effect as the explanation of a record."""
+
+    effect: str
+    column: str
+    probability: float
+    log_bayes: float
+    parameters: dict    # name -> (mean, sd)
+
+
+class Step(NamedTuple):
+    """One look for a further effect."""
+
+    causes: tuple      # of Cause, most probable first, "none" among them
+    account: Account   # with the most probable effect in it; None where it is "none"
+
+
+PRIOR_NONE = 0.5    # that nothing is missing
+PRIOR_LAST = 0.9    # that nothing more is missing once an effect is found
+
+
+def look(scene, acc, effects, noises=True):
+    """`Step`: probability of every further effect, Eq. (10), and the best account.
+
+    Without `noises`, for signatures alone.
+    """
+    plain, hypotheses = _gaussian(scene, acc)
+    reference = acc if plain is scene else account(
+        plain, hypotheses, signatures=acc.signatures)
+    tries = searches(plain, effects, acc.signatures)
+    samples = [signature_evidence(h, plain, acc.signatures, tries,
+                                  _guess(reference, number))
+               for number, h in enumerate(hypotheses)]
+    table = np.array([s.log_evidence for s in samples])
+    log_bayes, accounts, parameters = {}, {}, {}
+    base = _mean_evidence(table[:, 0])
+    for number, t in enumerate(tries):
+        log_bayes[t.effect.name, t.column] = (
+            _mean_evidence(table[:, 1 + number]) - base)
+    for e in effects if noises else ():
+        start, at = (reference, plain) if e.kind == "process" else (acc, scene)
+        if e.kind in ("process", "jumps") and _fits(e, acc, scene):
+            new = account(at, acc.bases, [extend(at, h, e) for h in start.hypotheses],
+                          acc.signatures, acc.readings, start)
+            log_bayes[e.name, ""] = new.log_evidence - start.log_evidence
+            accounts[e.name, ""] = new
+            parameters[e.name, ""] = _account_parameters(e.name, new)
+        elif e.kind == "parameter":
+            for p, new, factor in wrong_parameters(scene, acc):
+                name = e.name, p
+                log_bayes[name] = new.log_evidence - acc.log_evidence
+                accounts[name] = new
+                parameters[name] = dict(parameter=(p, 0.0), factor=factor)
+    names = list(log_bayes)
+    first = not (acc.signatures or acc.readings or acc.hypotheses[0].parameters
+                 != acc.bases[0].parameters)
+    alone = PRIOR_NONE if first else PRIOR_LAST
+    chance = np.log(1.0 - alone) - np.log(max(len(names), 1))
+    probability = probabilities([np.log(alone)] + [
+        chance + log_bayes[name] for name in names])
+    order = np.argsort(-probability[1:])
+    chosen = None
+    if probability[0] < 0.5:
+        best = names[order[0]]
+        if best in accounts:
+            chosen = accounts[best]
+            own = next(e for e in effects if e.name == best[0])
+            if plain is not scene and own.kind == "process":
+                chosen = account(scene, acc.bases, [
+                    extend(scene, h, own) for h in acc.hypotheses],
+                    acc.signatures, acc.readings, acc)
+        else:
+            number = [(t.effect.name, t.column) for t in tries].index(best)
+            signature, parameters[best] = estimate_signature(
+                hypotheses, plain, acc.signatures, tries[number], samples, 1 + number)
+            chosen = account(scene, acc.bases, acc.hypotheses,
+                             (*acc.signatures, signature), acc.readings, acc)
+        if plain is not scene and (
+                chosen.log_evidence - acc.log_evidence < np.log(len(names))):
+            # what stood in for the jumps misled: the filter with jumps sees nothing
+            return look(scene, acc, [e for e in effects if e.name != best[0]], noises)
+    causes = [Cause(effect, "" if effect == "wrong_parameter" else column,
+                    float(probability[1 + i]), float(log_bayes[effect, column]),
+                    parameters.get((effect, column), {}))
+              for i in order for effect, column in [names[i]]]
+    causes.append(Cause("none", "", float(probability[0]), 0.0, {}))
+    causes.sort(key=lambda c: -c.probability)
+    return Step(tuple(causes), chosen)
+
+
+def _fits(effect, acc, scene):
+    """Is there room for a process or jumps that are not there yet?"""
+    symbols = [p.symbol for p in acc.hypotheses[0].parameters]
+    if any(s.startswith(effect.name + ".") for s in symbols):
+        return False
+    more = dict(bias_instability=len(flicker_times(scene))).get(
+        effect.name, effect.kind == "process")
+    return max(_states(h, scene.dt) for h in acc.hypotheses) + more <= 6
+
+
+def _states(h, dt):
+    return bank(h, dt, [[p.mean for p in h.parameters]]).m0.shape[1]
+
+
+def _account_parameters(effect, acc):
+    """Mean and standard deviation of an effect's parameters over all hypotheses."""
+    share = probabilities([s.log_evidence[0] for s in acc.samples])
+    symbols = [p.symbol for p in acc.hypotheses[0].parameters
+               if p.symbol.startswith(effect + ".")]
+    result = {}
+    for symbol in symbols:
+        first = second = 0.0
+        for h, sample, part in zip(acc.hypotheses, acc.samples, share):
+            value = _value(h, sample.theta, symbol)
+            first += part * sample.weight @ value
+            second += part * sample.weight @ value**2
+        result[symbol.split(".")[1]] = (float(first),
+                                        float(np.sqrt(max(second - first**2, 0.0))))
+    return result
+
+
+OFF = 1000.0    # a wrong parameter is wrong by less than this factor
+
+
+def wrong_parameters(scene, acc):
+    """Accounts in which one parameter of the simulator may leave its bounds.
+
+    A range is left alone unless the record pushes against one of its ends.
+    """
+    for symbol in dict.fromkeys(p.symbol for h in acc.hypotheses for p in h.parameters
+                                if "." not in p.symbol):
+        pushed, new = False, []
+        for h, sample in zip(acc.hypotheses, acc.samples):
+            symbols = [p.symbol for p in h.parameters]
+            if symbol not in symbols or h.parameters[symbols.index(symbol)].high <= 0.0:
+                new.append(h)
+                continue
+            at = symbols.index(symbol)
+            p, value, w = h.parameters[at], sample.theta[:, at], sample.weight
+            mean = w @ value
+            sd = np.sqrt(w @ (value - mean)**2)
+            near = min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd
+            pushed |= near or not p.free
+            wide = Parameter(symbol, (p.low or 1e-3 * p.high) / OFF, p.high * OFF, True)
+            new.append(h._replace(parameters=(
+                *h.parameters[:at], wide, *h.parameters[at + 1:])))
+        if pushed:
+            wide = account(scene, acc.bases, new, acc.signatures, acc.readings)
+            yield symbol, wide, _factor(symbol, acc, wide)
+
+
+def _factor(symbol, acc, wide):
+    """A parameter over what the simulator has, or its nearest end: mean, sd."""
+    symbols = [p.symbol for p in wide.hypotheses[wide.best].parameters]
+    if symbol not in symbols:
+        return 1.0, 0.0
+    at = symbols.index(symbol)
+    p, sample = acc.hypotheses[wide.best].parameters[at], wide.samples[wide.best]
+    value = sample.theta[:, at]
+    mean = sample.weight @ value
+    sd = np.sqrt(sample.weight @ (value - mean)**2)
+    reference = np.clip(mean, p.low, p.high) or 1.0
+    return float(mean / reference), float(sd / reference)
+
+
+def estimate_signature(hypotheses, scene, signatures, search, samples, number):
+    """The most probable signature of a search, and its parameters with their sd."""
+    rows, weights = [], []
+    total = np.array([s.log_evidence[number] for s in samples])
+    for h, sample, part in zip(hypotheses, samples, probabilities(total)):
+        if part < 1e-3:
+            continue
+        w = sample.log_weight + sample.log_likelihood[:, number]
+        w = np.exp(w - w.max())
+        keep = np.argsort(-w)[:24]
+        theta, w = sample.theta[keep], w[keep] / w[keep].sum()
+        solved = solve(h, scene, signatures, theta)
+        result = scan(h, scene, signatures, search, theta, solved)
+        variant = search.variant or ("",) * len(result.psi)
+        fine = _refined(scene, search, result, w)
+        if fine is not None:
+            result = _from_columns(fine.columns, fine.psi,
+                                   _quadratic(h, scene, fine.columns, theta), solved)
+            variant = fine.variant
+        each = _log_bayes(result.gain, result.k)    # (M, m, sizes)
+        joint = np.exp(each - each.max()) * w[:, None, None] * part
+        joint *= np.exp(total.max() - total.max())
+        shrink = SIZES / (1.0 + SIZES)
+        M, m, g = joint.shape
+        rows.append(np.column_stack([
+            np.broadcast_to(result.psi[None, :, None], (M, m, g)).ravel(),
+            (result.size[..., None] * shrink).ravel(),
+            (result.sd[..., None]**2 * shrink).ravel(),
+            np.broadcast_to(np.arange(m)[None, :, None], (M, m, g)).ravel()]))
+        weights.append((joint * (part / joint.sum())).ravel())
+        if part == max(probabilities(total)):
+            best = int(joint.sum((0, 2)).argmax())
+            chosen = result.psi[best], variant[best]
+    rows, w = np.vstack(rows), np.concatenate(weights)
+    w /= w.sum()
+    size = w @ rows[:, 1]
+    sd = np.sqrt(w @ (rows[:, 2] + (rows[:, 1] - size)**2))
+    parameters = {search.effect.size: (float(size), float(sd))}
+    for p in search.effect.parameters(scene):
+        mean = w @ rows[:, 0]
+        spread = np.sqrt(w @ (rows[:, 0] - mean)**2)
+        parameters = {p.symbol: (float(mean), float(spread)), **parameters}
+    x = scene.columns.get(search.column)
+    columns = next(c for v, c in search.effect.build(scene, x, chosen[0])
+                   if v == chosen[1])
+    return Signature(search.effect, search.column, chosen[1], float(chosen[0]),
+                     columns, 3.0 * float(np.hypot(size, sd))), parameters
+
+
+def _refined(scene, search, result, w):
+    """The search again, finer where a coarse scan found mass; None for onsets."""
+    if search.effect.build is _step or not search.effect.parameters(scene):
+        return None
+    mass = w @ np.exp(0.5 * (result.gain - result.gain.max()))
+    near = np.flatnonzero(mass > 1e-4 * mass.max())
+    low, high = result.psi[max(near[0] - 1, 0)], result.psi[
+        min(near[-1] + 1, len(result.psi) - 1)]
+    if search.effect.build is _sinusoid:
+        top = result.psi[mass.argmax()]
+        low, high = max(low, top - 1.0 / scene.duration), min(
+            high, top + 1.0 / scene.duration)
+        psi = np.linspace(low, high, 81)
+    else:
+        psi = np.geomspace(low, high, 40)
+    x = scene.columns.get(search.column)
+    parts = [(value, *part) for value in psi
+             for part in search.effect.build(scene, x, value)]
+    return search._replace(psi=np.array([p[0] for p in parts]),
+                           variant=tuple(p[1] for p in parts),
+                           columns=np.array([p[2].T for p in parts]))
+
+
+
+# ---- where: statistics of the record, beside those of records of the fitted simulator
+
+class Statistics(NamedTuple):
+    """S statistics of R records, and where each of them looks."""
+
+    value: np.ndarray    # (R, S)
+    place: tuple         # (S,) one of PLACES
+    at: np.ndarray       # (S, 2) in the unit of the place
+    column: tuple        # (S,) of a covariate, else ""
+
+
+PLACES = "time", "frequency", "averaging_time", "lag", "amplitude", "covariate"
+UNITS = dict(time="s", frequency="Hz", averaging_time="s", lag="s",
+             amplitude="sigma", covariate="")
+
+
+def _normal_tail(log_p):
+    """Normal score of a small probability given by its logarithm."""
+    return -ndtri_exp(np.minimum(log_p, -1e-12))
+
+
+def _chi2_score(total, n):
+    """Normal score of a chi2 of n degrees of freedom (Wilson and Hilferty)."""
+    return ((total / n)**(1 / 3) - 1.0 + 2.0 / (9.0 * n)) / np.sqrt(2.0 / (9.0 * n))
+
+
+def _largest_score(log_tail, n):
+    """Normal score of the largest of n, whose own tail probability is given."""
+    none = n * np.log1p(-np.exp(np.minimum(log_tail, -1e-12)))
+    return _normal_tail(np.where(log_tail < -20.0, log_tail + np.log(n),
+                                 np.log(-np.expm1(none) + 1e-300)))
+
+
+def _count_score(n, expected):
+    """Normal score of a Poisson count, in the middle of its probability."""
+    more, as_many = gammainc(n + 1.0, expected), gammainc(np.maximum(n, 0.5), expected)
+    return -ndtri(np.maximum(0.5 * (more + np.where(n > 0, as_many, 1.0)), 1e-300))
+
+
+def probes(scene):
+    """Columns (S, N) that residuals are held against: shifts, and the covariates."""
+    N = len(scene.y)
+    result = [("time", (scene.time[i], scene.time[-1]), "",
+               (np.arange(N) >= i).astype(float))
+              for i in np.linspace(0, N, 34).astype(int)[1:-1]]
+    for name, x in scene.columns.items():
+        if np.std(x) == 0.0:
+            continue
+        x = (x - x.mean()) / x.std()
+        for f in (x, x**2 - 1.0, np.append(0.0, np.diff(x))):
+            if np.std(f) > 0.0:
+                result.append(("covariate", (scene.columns[name].min(),
+                                             scene.columns[name].max()), name, f))
+    return result
+
+
+def statistics(z, y, scene, white):
+    """Statistics of residuals z (R, N), which are N(0, 1) and white if all is well.
+
+    y (R, N) are the records themselves; white (S, N) whitened probes of unit norm.
+    """
+    R, N = z.shape
+    value, where = [], []
+
+    def put(place, low, high, column, statistic):
+        where.append((place, low, high, column))
+        value.append(statistic)
+    seen = ~np.isnan(z)
+    z0 = np.where(seen, z, 0.0)
+    count = np.maximum(seen.sum(1), 1)
+    dt = scene.dt
+    segments = int(np.clip(N // 64, 2, 16))
+    for part in np.array_split(np.arange(N), segments):
+        n = np.maximum(seen[:, part].sum(1), 1)
+        ends = scene.time[part[0]], scene.time[part[-1]]
+        put("time", *ends, "", z0[:, part].sum(1) / np.sqrt(n))
+        put("time", *ends, "", _chi2_score((z0[:, part]**2).sum(1), n))
+    listed = probes(scene)
+    for (place, ends, column, _), statistic in zip(listed, _products(white, z0)):
+        put(place, *ends, column, statistic)
+
+    power = np.abs(np.fft.rfft(z0))**2 / count[:, None]
+    frequency = np.fft.rfftfreq(N, dt)
+    edges = np.unique(np.round(np.geomspace(1, len(frequency), 14)).astype(int))
+    for low, high in zip(edges[:-1], edges[1:]):
+        band = power[:, low:high]
+        ends = frequency[low], frequency[high - 1]
+        n = high - low
+        put("frequency", *ends, "", _chi2_score(2.0 * band.sum(1), 2 * n))
+        at = low + band.argmax(1)[0]
+        put("frequency", frequency[at], frequency[at], "",
+            _largest_score(-band.max(1), n))
+
+    for part in np.array_split(np.arange(N), int(np.clip(N // 256, 1, 12))):
+        # what is stationary in the mean need not be at any one time
+        power = np.abs(np.fft.rfft(z0[:, part]))**2 / np.maximum(
+            seen[:, part].sum(1), 1)[:, None]
+        ends = scene.time[part[0]], scene.time[part[-1]]
+        put("time", *ends, "", _largest_score(-power[:, 1:].max(1), len(power[0]) - 1))
+        for band in np.array_split(power[:, 1:], 4, axis=1):
+            put("time", *ends, "", _chi2_score(2.0 * band.sum(1), 2 * band.shape[1]))
+
+    m = 2**np.arange(int(np.log2(max(N // 3, 1))) + 1)
+    adev = np.array([[allan_variance(row, dt, k) for k in m] for row in y])
+    for k, column in zip(m, adev.T):
+        put("averaging_time", k * dt, k * dt, "", 0.5 * np.log(column + 1e-300))
+
+    size = np.abs(z0) - np.sqrt(2.0 / np.pi)
+    size = np.where(seen, np.minimum(size, 5.0), 0.0)
+    for k in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64):
+        if k < N // 4:
+            put("lag", k * dt, k * dt, "", (z0[:, k:] * z0[:, :-k]).sum(1)
+                / np.sqrt(count))
+            put("lag", k * dt, k * dt, "", (size[:, k:] * size[:, :-k]).sum(1)
+                / np.sqrt(count))
+
+    edges = np.concatenate([[-40.0], ndtri(np.linspace(0, 1, 13)[1:-1]), [40.0]])
+    for low, high in zip(edges[:-1], edges[1:]):
+        put("amplitude", low, high, "",
+            ((z0 >= low) & (z0 < high) & seen).sum(1) / np.sqrt(count / 12.0))
+    for low, high in ((-40.0, -3.0), (3.0, 40.0), (-40.0, -4.0), (4.0, 40.0)):
+        inside = ((z0 >= low) & (z0 < high)).sum(1)
+        expected = count * ndtr(-min(abs(low), abs(high)))
+        put("amplitude", low, high, "", _count_score(inside, expected))
+    largest = np.abs(z0).max(1)
+    put("amplitude", largest[0], 40.0, "",
+        _largest_score(np.log(2.0) + log_ndtr(-largest), count))
+    put("amplitude", -40.0, 40.0, "", (np.clip(z0, -5, 5)**3).sum(1) / np.sqrt(count))
+    put("amplitude", -40.0, 40.0, "", np.abs(z0).sum(1) / np.sqrt(count))
+    repeats = (np.diff(y) == 0.0).mean(1) * 100.0
+    put("amplitude", 0.0, 0.0, "", repeats)
+
+    spread = np.where(seen, z0**2 - 1.0, 0.0).clip(-1.0, 25.0)
+    for name, x in scene.columns.items():
+        if np.std(x) > 0.0:
+            for f in (x, np.abs(x - x.mean())):
+                f = (f - f.mean()) / (f.std() + 1e-300)
+                put("covariate", x.min(), x.max(), name,
+                    _products(spread, f[None])[:, 0] / np.sqrt(count))
+    return Statistics(np.column_stack(value), tuple(w[0] for w in where),
+                      np.array([w[1:3] for w in where], float),
+                      tuple(w[3] for w in where))
+
+
+class Gap(NamedTuple):
+    """Distance of a record from the records of a fitted simulator."""
+
+    statistics: Statistics    # of the record
+    distance: np.ndarray      # (S,) in standard deviations
+    null: np.ndarray          # (B, S) the same of the simulated records
+    p_place: dict             # place -> p-value
+    p_value: float            # of the whole
+    theta: np.ndarray         # parameters at which they were simulated
+    z: np.ndarray             # (N,) normal scores of the record
+    log_score: np.ndarray     # (N,) ln of its one-step-ahead densities
+
+    def rms(self, where=slice(None)):
+        """Root mean square of some distances; about 1 where nothing is missing."""
+        return float(np.sqrt(np.mean(self.distance[where]**2)))
+
+
+def as_simulated(acc, scene, theta, widths=None):
+    """The best hypothesis of an account, and its effects, with numbers for parameters.
+
+    `widths` (p,) turns those of the base into ranges theta -+ width.
+    """
+    h, base = acc.hypotheses[acc.best], acc.bases[acc.best]
+    widths = np.zeros(len(theta)) if widths is None else widths
+    value = {p.symbol: (v, w) for p, v, w in zip(h.parameters, theta, widths)}
+
+    def ranged(p):
+        v, w = value[p.symbol]
+        low = max(v - w, p.low) if v >= p.low else v
+        high = min(v + w, p.high) if v <= p.high else v
+        return Parameter(p.symbol, low, high)
+    effects = {}
+    for symbol in value:
+        effect, dot, name = symbol.rpartition(".")
+        if dot:
+            effects.setdefault(effect, {})[name] = Parameter(
+                name, value[symbol][0], value[symbol][0])
+    added = [Added(CATALOGUE[effect], "", "", parameters)
+             for effect, parameters in effects.items()]
+    plain, hypotheses = _gaussian(scene, acc)
+    inner = hypotheses[acc.best]
+    sizes = iter(())
+    if acc.signatures:
+        at = np.array([[value[p.symbol][0] for p in inner.parameters]])
+        sizes = iter(solve(inner, plain, acc.signatures, at).size[0, 1:])
+    for s in acc.signatures:
+        e = s.effect
+        size = [next(sizes) for _ in range(s.columns.shape[1])]
+        numbers = {p.symbol: s.psi for p in e.parameters(scene)}
+        numbers[e.size] = float(np.hypot(*size) if len(size) == 2 else size[0])
+        if len(size) == 2:
+            numbers["phase"] = float(np.arctan2(-size[1], size[0]))
+        added.append(Added(e, s.column, s.variant, {
+            k: Parameter(k, v, v) for k, v in numbers.items()}))
+    added += [Added(CATALOGUE[r.effect], "", "", r.value) for r in acc.readings]
+    return base._replace(parameters=tuple(map(ranged, base.parameters))), tuple(added)
+
+
+TRIALS = 199    # simulated records behind every p-value
+
+
+def distance(scene, acc, trials=TRIALS, seed=0):
+    """`Gap` of a record to the simulator of an account, put through the same fit.
+
+    The record and `trials` simulated ones are filtered at the posterior mean. Refitting
+    each would change a statistic by its regression on the score, the derivative of the
+    log-likelihood to the parameters; that is taken away instead, for all alike.
+    """
+    h, sample, theta = acc.hypotheses[acc.best], acc.samples[acc.best], acc.theta
+    free = [c for c, p in enumerate(h.parameters) if p.free]
+    step = 0.5 * np.sqrt(sample.weight @ (sample.theta - theta)**2)
+    step = np.where(theta + step < [p.high for p in h.parameters], step, -step)
+    shifted = theta + np.vstack([np.zeros(len(theta)), np.diag(step)[free]])
+    own = without_readings(scene.y[None], acc.readings)
+
+    def drawn(theta, trials, seed):
+        """Records of the simulator as they are read, and less what says nothing."""
+        fixed, added = as_simulated(acc, scene._replace(y=own[0]), theta)
+        read = simulate_effects([fixed], [added], scene, trials, seed).error
+        return read, without_readings(read, acc.readings)
+
+    def scores(masked):
+        total = predict(h, masked, scene.dt, acc.signatures, shifted,
+                        samples=False).log_likelihood
+        return total[:, 1:] - total[:, :1]
+    truth = theta.copy()
+    if free and acc.readings:
+        # the fit ignores what rounding and clipping do beyond a further white noise:
+        # simulate at the parameters whose records give this fit (indirect inference;
+        # C. Gourieroux, A. Monfort, E. Renault, J. Appl. Econometrics 8, 1993)
+        for attempt in range(4):
+            s = scores(np.vstack([own, drawn(truth, 48, seed + 100 + attempt)[1]]))
+            move = np.clip(_inverse(s[1:]) @ (s[0] - s[1:].mean(0)), -4.0, 4.0)
+            truth[free] = np.clip(truth[free] + move * step[free],
+                                  0.5 * truth[free], 2.0 * truth[free])
+    read, masked = drawn(truth, trials, seed)
+    read, masked = np.vstack([scene.y, read]), np.vstack([own, masked])
+    predicted = predict(h, masked, scene.dt, acc.signatures, theta[None])
+    z = predicted.z[:, 0]
+    stats = statistics(z, read, scene, _whitened_probes(acc, scene, own[0]))
+
+    T = stats.value
+    if free:
+        s = scores(masked)
+        s -= s[1:].mean(0)
+        inverse = _inverse(s[1:])
+        s[0] *= min(1.0, 3.0 / np.sqrt(max(s[0] @ inverse @ s[0], 1e-300)))
+        T = T - s @ (inverse @ (s[1:].T @ (T[1:] - T[1:].mean(0))) / (trials - 1))
+    floor = 1e-3 + 1e-9 * np.abs(T[0])
+    d = (T - T[1:].mean(0)) / np.sqrt(T[1:].var(0, ddof=1) + floor**2)
+    d = np.clip(d, -1e3, 1e3)
+    places = np.array(stats.place)
+    p_place = {place: _tail(np.abs(d[:, places == place]).max(1))
+               for place in PLACES if (places == place).any()}
+    p_value = -np.expm1(len(p_place) * np.log1p(-min(p_place.values())))
+    return Gap(stats._replace(value=T[0]), d[0], d[1:], p_place,
+               float(max(p_value, 1e-15)), truth, z[0],
+               predicted.log_score[0, 0])
+
+
+def _inverse(scores):
+    """Inverse covariance of scores (B, d); singular ones are left out."""
+    return np.linalg.pinv(np.cov(scores.T).reshape(scores.shape[1], -1), rcond=1e-6)
+
+
+def _whitened_probes(acc, scene, y):
+    """`probes` through the filter of an account without its jumps, of unit norm.
+
+    The normal scores of a column far smaller than the noise are its innovations.
+    """
+    plain, hypotheses = _gaussian(scene._replace(y=y), acc)
+    h = hypotheses[acc.best]
+    values = dict(zip((p.symbol for p in acc.hypotheses[acc.best].parameters),
+                      acc.theta))
+    theta = np.array([[values[p.symbol] for p in h.parameters]])
+    probe = np.array([p[3] for p in probes(scene)])
+    probe *= 1e-3 * scene.white / np.abs(probe).max(1)[:, None]
+    probe = np.where(np.isnan(y), np.nan, probe)
+    white = predict(h, probe, scene.dt, acc.signatures, theta).z[:, 0]
+    white = np.where(np.isnan(white), 0.0, white)
+    return white / (np.sqrt((white**2).sum(1))[:, None] + 1e-300)
+
+
+def _tail(largest):
+    """p-value of the first of several maxima among the others: Gumbel's law."""
+    null = largest[1:]
+    scale = np.std(null, ddof=1) * np.sqrt(6.0) / np.pi
+    e = (largest[0] - np.mean(null)) / scale + np.euler_gamma
+    return float(max(-np.expm1(-np.exp(-e)), 1e-15))
+
+
+# ---- verdict
+
+class Diagnosis(NamedTuple):
+    """Answer of `diagnose`: where the gap lies, which effect causes it, how far it
+    shrinks.
+    """
+
+    scene: Scene
+    verdict: str             # an effect ("a+b" for two), none, unknown or undecided
+    causes: tuple            # of Cause, most probable first; none and unknown are there
+    base: Account            # the simulator as it was
+    final: Account           # with the effects that were found
+    found: tuple             # of Cause: these effects, in the order found
+    before: Gap
+    after: Gap
+    rms_before: float        # of what stood out, standard deviations; 1 is no gap
+    rms_after: float
+    closed: float            # fraction of the gap; NaN where there was none
+    closed_interval: tuple
+    nats_per_sample: float   # gain of the one-step-ahead log score
+    needed_duration: float   # s; NaN unless undecided
+
+
+PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
+MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
+SURE = 0.5              # a verdict is more probable than all others together
+OUTSTANDING = 3.0       # standard deviations: what a gap is measured on
+LOOK_ON = 0.2           # p-value from which on no second noise is looked for
+MOST = 3                # effects that are looked for, one after another
+
+
+def unknown_probability(p_value):
+    """That something is still missing, from the p-value of what is left.
+
+    -ln p is exponential: of mean 1 where nothing is missing, of mean MISSING_NATS
+    where something is (T. Sellke, M. Bayarri, J. Berger, "Calibration of p values",
+    Am. Stat. 55, 2001).
+    """
+    log_odds = (np.log(PRIOR_UNKNOWN / (1.0 - PRIOR_UNKNOWN) / MISSING_NATS)
+                - (1.0 - 1.0 / MISSING_NATS) * np.log(p_value))
+    return float(1.0 / (1.0 + np.exp(-log_odds)))
+
+
+def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=TRIALS, seed=0,
+             progress=None):
+    """Where a record differs from a simulator, which effect causes it, how far adding
+    that effect closes the gap.
+
+    Parameters
+    ----------
+    y : (N,) array
+        Sensor error, u, evenly sampled; NaN marks a missing sample.
+    dt : float
+        Sampling interval, s.
+    hypotheses : sequence of Hypothesis
+        The simulator: it draws one of them with equal probability.
+    columns : dict of (N,) arrays, optional
+        What was recorded beside the error; `CATALOGUE` names what is looked for.
+    effects : sequence of Effect, optional
+        By default all of the catalogue.
+    trials, seed : int
+        Simulated records behind every p-value.
+    progress : function of (done, all), optional
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ValueError
+        If the record is too short, constant or not finite, a column does not fit it,
+        or a hypothesis is no sum of one-state processes.
+    """
+    y = np.asarray(y, float)
+    columns = {name: np.asarray(x, float) for name, x in (columns or {}).items()}
+    check_scene(y, dt, columns)
+    effects = tuple(CATALOGUE.values() if effects is None else effects)
+    full = scene = Scene(y, dt, columns)
+    done = iter(range(1, 100))
+
+    def tell(last=False):
+        if progress:
+            number = next(done)
+            progress(MOST + 3 if last else number, MOST + 3)
+    # a bias that the simulator does not expect must not pass for an effect
+    bias = float(np.hypot(max(h.bias_sigma for h in hypotheses), abs(np.nanmean(y))))
+    bases = tuple(h._replace(bias_sigma=bias) for h in hypotheses)
+    base = acc = start = account(scene, bases)
+    before = distance(scene, base, trials, seed)
+    tell()
+
+    known = readings(scene)
+    found = [Cause(r.effect, "", 1.0, float(r.log_bayes),
+                   {name: (v, 0.0) for name, v in r.value.items()}) for r in known]
+    if known:
+        scene = scene._replace(y=without_readings(y[None], known)[0])
+        inner = bases
+        for r in known:
+            if r.effect == "quantization":
+                inner = tuple(with_quantization(h, r.value["lsb"]) for h in inner)
+        acc = start = account(scene, bases, inner, (), known)
+    leaves, share = {}, 1.0    # every set of effects as a Cause; probability so far
+
+    def leaf(found, probability):
+        return Cause("+".join(c.effect for c in found) or "none",
+                     "+".join(filter(None, (c.column for c in found))),
+                     probability, sum(c.log_bayes for c in found), _merged(found))
+
+    after = distance(full, acc, trials, seed + 1) if found else before
+    while len(found) < MOST and not any(r.opaque for r in known):
+        # what is no signature shows in the undirected statistics, if it is there
+        step = look(scene, acc, effects, not found or after.p_value < LOOK_ON)
+        tell()
+        for c in step.causes:
+            listed = found if c.effect == "none" else [*found, c]
+            one = leaf(listed, share * c.probability)
+            if one.effect not in leaves or leaves[one.effect].probability < \
+                    one.probability:
+                leaves[one.effect] = one
+        if step.account is None:
+            break
+        best = next(c for c in step.causes if c.effect != "none")
+        acc, found = step.account, [*found, best]
+        after = distance(full, acc, trials, seed + 1)
+        share *= best.probability
+        leaves.pop(leaf(found, share).effect)
+    else:
+        one = leaf(found, share)
+        leaves[one.effect] = one
+    tell(last=True)
+
+    unknown = (PRIOR_UNKNOWN / MISSING_NATS if any(r.opaque for r in known)
+               else unknown_probability(after.p_value))
+    total = sum(c.probability for c in leaves.values())
+    causes = [c._replace(probability=float((1.0 - unknown) * c.probability / total))
+              for c in leaves.values()]
+    causes.append(Cause("unknown", "", unknown, 0.0, {}))
+    if "none" not in leaves:
+        causes.append(Cause("none", "", 0.0, 0.0, {}))
+    causes.sort(key=lambda c: -c.probability)
+    verdict = causes[0].effect if causes[0].probability >= SURE else "undecided"
+    gain = (acc.log_evidence - start.log_evidence) / np.sum(~np.isnan(scene.y))
+    return Diagnosis(full, verdict, tuple(causes), base, acc, tuple(found), before,
+                     after, *closure(before, after), float(gain),
+                     needed_duration(causes, full) if verdict == "undecided"
+                     else np.nan)
+
+
+def check_scene(y, dt, columns):
+    """Refuse what cannot be diagnosed."""
+    if y.ndim != 1 or not (np.isfinite(dt) and dt > 0.0):
+        raise ValueError(f"a record of shape {y.shape} at {dt} s: "
+                         "one row of samples and an interval > 0 are needed")
+    seen = y[~np.isnan(y)]
+    if len(seen) < SHORTEST or np.isinf(y).any() or np.ptp(seen) == 0.0:
+        raise ValueError(f"the record has {len(seen)} samples, "
+                         f"{len(np.unique(seen))} different ones: at least {SHORTEST} "
+                         "finite ones that are not all the same are needed")
+    for name, x in columns.items():
+        if x.shape != y.shape or not np.isfinite(x).all():
+            raise ValueError(f"column {name} has shape {x.shape} and "
+                             f"{np.sum(~np.isfinite(x))} values that are not finite: "
+                             f"{len(y)} numbers are needed, one for every sample")
+
+
+SHORTEST = 64    # samples; fewer tell no effect from the noise
+
+
+def _merged(found):
+    """Parameters of several effects; of more than one, with the effect's name."""
+    if len(found) == 1:
+        return found[0].parameters
+    return {f"{c.effect}.{name}": v for c in found for name, v in c.parameters.items()}
+
+
+def closure(before, after):
+    """rms distances before and after over the statistics that stood out before, the
+    fraction closed, 1 - (after - 1) / (before - 1), and its interval.
+    """
+    out = np.abs(before.distance) > OUTSTANDING
+    if not out.any() or before.p_value > 0.05:
+        return before.rms(), after.rms(), np.nan, (np.nan, np.nan)
+    first, last = before.rms(out), after.rms(out)
+    # of a record without a gap, through the same statistics
+    noise = 2.0 * np.std(np.sqrt((after.null[:, out]**2).mean(1)))
+    closed = np.clip(1.0 - (last + np.array([0.0, noise, -noise]) - 1.0)
+                     / (first - 1.0), -9.0, 1.0)
+    return first, last, float(closed[0]), (float(closed[1]), float(closed[2]))
+
+
+def needed_duration(causes, scene):
+    """Record length, s, at which the two best causes would be told apart, if their log
+    odds grew as they did.
+    """
+    first, second = (c.probability for c in causes[:2])
+    odds = max(np.log(first / max(second, 1e-12)), 0.5)
+    return float(scene.duration * max(3.0 / odds, 1.0))
+
+
+# ---- 8. Records and model files --------------- what the command line reads and writes
 
 class Record(NamedTuple):
     """A column of a file, evenly sampled; missing samples are NaN."""
@@ -1825,9 +3926,11 @@ class Record(NamedTuple):
     column: str
     error: np.ndarray    # (N,) u
     dt: float            # s
+    columns: dict = {}   # what was recorded beside it, if asked for
 
 
-def read_record(file, column="error", dt=None, resample=False, allow_missing=False):
+def read_record(file, column="error", dt=None, resample=False, allow_missing=False,
+                beside=()):
     """Record from a CSV file with a header, or from .npz, .mat or .npy.
 
     Parameters
@@ -1844,6 +3947,9 @@ def read_record(file, column="error", dt=None, resample=False, allow_missing=Fal
         Interpolate an unevenly sampled record linearly onto even times.
     allow_missing : bool
         Take NaN and empty cells as missing samples.
+    beside : sequence of str, or None
+        Further columns wanted, as NAME or as NAME=COLUMN to give one another name; None
+        for all that hold numbers. Where samples are missing they are interpolated.
 
     Returns
     -------
@@ -1861,7 +3967,9 @@ def read_record(file, column="error", dt=None, resample=False, allow_missing=Fal
     name, row = column, None
     if column.endswith("]") and column.rpartition("[")[2][:-1].isdigit():
         name, row = column.rpartition("[")[0], int(column.rpartition("[")[2][:-1])
-    arrays = _read_arrays(file, name, with_time=dt is None)
+    arrays = _read_arrays(file, name, with_time=dt is None,
+                          others=None if beside is None else [
+                              part.rpartition("=")[2] for part in beside])
     if arrays.get(name) is None:
         raise ValueError(f"{file}: no column {name!r} among {', '.join(arrays)}; "
                          "choose one with --column")
@@ -1879,7 +3987,10 @@ def read_record(file, column="error", dt=None, resample=False, allow_missing=Fal
         raise ValueError(
             f"{file}: {name} is an array of {error.dtype} of shape {error.shape}: a "
             f"record is one row of numbers, such as --column '{name}[0]'")
+    shape = np.shape(arrays[name])
     error = error.astype(float)
+    columns = _columns_beside(file, arrays, name, row or 0, shape, len(error), beside)
+    time = arrays.get("time")
     holes = int(np.isnan(error).sum())
     if holes and not allow_missing:
         raise ValueError(f"{file}: {column} holds {holes} NaN or empty values, "
@@ -1899,7 +4010,36 @@ def read_record(file, column="error", dt=None, resample=False, allow_missing=Fal
         _check_record(error, dt)
     except ValueError as problem:
         raise ValueError(f"{file}: {problem}") from None
-    return Record(str(file), column, error, float(dt))
+    if len(columns) and time is not None and len(time) == len(next(
+            iter(columns.values()))) != len(error):
+        even = time[0] + dt * np.arange(len(error))
+        columns = {name: np.interp(even, time, x) for name, x in columns.items()}
+    return Record(str(file), column, error, float(dt), columns)
+
+
+def _columns_beside(file, arrays, name, row, shape, samples, beside):
+    """The further columns of a file by their names; rows of arrays as name[k]."""
+    columns = {}
+    for key, x in arrays.items():
+        if key in (name, "time", "dt") or x is None or x.dtype.kind not in "iuf":
+            continue
+        x = np.asarray(x, float)
+        if x.ndim == 2 and x.shape == shape:
+            columns[key] = x[row]
+        elif x.ndim == 2 and x.shape[1] == samples:
+            columns.update((f"{key}[{k}]", part) for k, part in enumerate(x))
+        elif x.shape == (samples,):
+            columns[key] = x
+    if beside is None:
+        return columns
+    for part in beside:
+        new, _, old = part.rpartition("=")
+        if old not in columns:
+            raise ValueError(f"{file}: no column {old!r} of {samples} numbers beside "
+                             f"{name}; there are {', '.join(columns) or 'none'}")
+        columns[new or old] = columns.pop(old)
+    wanted = [part.rpartition("=")[0] or part for part in beside]
+    return {key: columns[key] for key in wanted}
 
 
 def _numbers(file, name, arrays):
@@ -1909,21 +4049,22 @@ def _numbers(file, name, arrays):
     return np.asarray(arrays[name], float).ravel()
 
 
-def _read_arrays(file, name, with_time):
+def _read_arrays(file, name, with_time, others=()):
     """Arrays of a file by name; None for those that are not needed."""
-    needed = (name, "time", "dt") if with_time else (name,)
+    needed = [name, "time", "dt"] if with_time else [name]
+    needed += [part.partition("[")[0] for part in others or ()]
     kind = file.suffix.lower()
     if kind == ".npy":
         return {name: _loaded(file, np.load)}
     if kind == ".npz":
         with _loaded(file, np.load) as archive:
-            return {key: archive[key] if key in needed else None
+            return {key: archive[key] if others is None or key in needed else None
                     for key in archive.files}
     if kind == ".mat":
         from scipy.io import loadmat
         return {key: np.squeeze(value) for key, value in _loaded(file, loadmat).items()
                 if not key.startswith("__")}
-    return _read_csv(file, needed)
+    return _read_csv(file, needed, everything=others is None)
 
 
 def _loaded(file, load):
@@ -1935,14 +4076,18 @@ def _loaded(file, load):
                          f"{str(problem).splitlines()[0]}") from None
 
 
-def _read_csv(file, wanted):
-    """The wanted columns of a CSV file as arrays; None for the ones it only names."""
+def _read_csv(file, wanted, everything=False):
+    """The wanted columns of a CSV file as arrays; None for the ones it only names.
+
+    Everything means all columns whose first cell is a number.
+    """
     with open(file, newline="", encoding="utf-8-sig", errors="replace") as stream:
         skip, header = 0, ""
         for header in stream:
             skip += 1
             if header.strip() and not header.startswith("#"):
                 break
+        first = next((line for line in stream if line.strip()), "")
     delimiter = next((d for d in (",", ";", "\t") if d in header), ",")
     names = [name.strip().strip('"') for name in header.strip().split(delimiter)]
     if not header.isprintable() and not header.strip("\r\n\t").isprintable():
@@ -1950,7 +4095,12 @@ def _read_csv(file, wanted):
     if all(_is_number(name) or not name for name in names):
         raise ValueError(f"{file}: no header: the first line must name the columns, "
                          "such as time,error")
-    present = [name for name in wanted if name in names]
+    if everything:
+        cells = first.strip("\r\n").split(delimiter)
+        wanted = [wanted[0], *(n for n, cell in zip(names, cells)
+                               if n and n not in wanted and _is_number(cell)),
+                  *wanted[1:]]
+    present = [name for name in dict.fromkeys(wanted) if name in names]
     twice = [name for name in present if names.count(name) > 1]
     if twice:
         raise ValueError(f"{file}: the header names {twice[0]} more than once")
@@ -2051,6 +4201,7 @@ class Model(NamedTuple):
     dt: float
     unit: str
     hypotheses: tuple
+    effects: tuple = ()    # of every hypothesis, tuples of Added; () if none has any
 
 
 def read_model(file):
@@ -2058,7 +4209,9 @@ def read_model(file):
 
     The file holds `dt`, s, optionally `unit`, `bias_sigma` (1) and `prior` ("uniform"
     or "log"), and `hypotheses`: a list of `name`, a name in MODELS, and `parameters`,
-    each a number or a range [low, high]; optionally `label`, `prior` and `bias_sigma`.
+    each a number or a range [low, high]; optionally `label`, `prior`, `bias_sigma` and
+    `effects`: a list of `name`, a name in CATALOGUE, `parameters` and, where the effect
+    needs one, `column`.
 
     Raises
     ------
@@ -2088,9 +4241,56 @@ def read_model(file):
         if len(set(names)) < len(names):
             raise ValueError(f"hypotheses of the same name among {', '.join(names)}: "
                              "give each a \"label\" of its own")
+        effects = tuple(tuple(_effect_from(one, entry["name"])
+                              for one in entry.get("effects") or ())
+                        for entry in text["hypotheses"])
     except ValueError as problem:
         raise ValueError(f"{file}: {problem}") from None
-    return Model(dt, str(text.get("unit", "u")), hypotheses)
+    return Model(dt, str(text.get("unit", "u")), hypotheses,
+                 effects if any(effects) else ())
+
+
+def _effect_from(entry, owner):
+    """One effect of a hypothesis of a model file."""
+    if not isinstance(entry, dict) or entry.get("name") not in CATALOGUE:
+        raise ValueError(f"effect {entry!r} of {owner}: a name is needed, "
+                         f"one of {', '.join(CATALOGUE)}")
+    name, parameters = entry["name"], entry.get("parameters")
+    effect = CATALOGUE[name]
+    if effect.kind == "parameter":
+        raise ValueError(f"{name} is no effect to be added: change the parameter")
+    if not isinstance(parameters, dict):
+        raise ValueError(f"parameters of {name} must be an object")
+    column, variant = entry.get("column") or "", entry.get("variant") or ""
+    if effect.column and not column:
+        raise ValueError(f"{name} of {owner} names no column")
+    scene = Scene(np.arange(8.0), 1.0, {column: np.arange(8.0)})
+    needed = {p.symbol for p in effect.parameters(scene)} | {
+        "quantization": {"lsb"}, "saturation": {"limits"}, "stuck": {"spans"}}.get(
+            name, {effect.size} - {""})
+    optional = {"phase"} if name == "sinusoid" else set()
+    if not needed <= parameters.keys() <= needed | optional:
+        raise ValueError(f"{name} has the parameters {', '.join(sorted(needed))}, "
+                         f"not {', '.join(sorted(parameters)) or 'none'}")
+    if effect.kind != "reading":
+        parameters = {symbol: _parameter(name, symbol, value, "uniform")
+                      for symbol, value in parameters.items()}
+    else:
+        shape = dict(quantization=(), saturation=(2,), stuck=(None, 2))[name]
+        value = next(iter(parameters.values()))
+        try:
+            numbers = np.array([[-np.inf, np.inf][i] if v is None else v
+                                for i, v in enumerate(value)]
+                               if name == "saturation" else value, float)
+        except (TypeError, ValueError):
+            numbers = np.zeros(7)
+        if numbers.ndim != len(shape) or any(
+                n not in (None, have) for n, have in zip(shape, numbers.shape)):
+            raise ValueError(f"{needed.pop()} of {name} is {value!r}: a number for "
+                             "lsb, [low, high] for limits, [[onset, samples], ...] "
+                             "for spans")
+        parameters = {needed.pop(): numbers.tolist()}
+    return Added(effect, column, variant, parameters)
 
 
 def _hypothesis_from(entry, text):
@@ -2100,9 +4300,8 @@ def _hypothesis_from(entry, text):
     if not isinstance(entry.get("parameters", {}), dict):
         raise ValueError(f"parameters of {entry['name']} "
                          "must be an object of numbers and ranges")
-    if entry.get("effects"):
-        raise ValueError(f"{entry['name']} has effects, "
-                         "which this version cannot simulate")
+    if not isinstance(entry.get("effects") or [], list):
+        raise ValueError(f"effects of {entry['name']} must be a list")
     if not isinstance(entry.get("label", ""), str):
         raise ValueError(f"label {entry['label']!r} of {entry['name']} must be a text")
     parameters = entry.get("parameters", {})
@@ -2118,11 +4317,20 @@ def _hypothesis_from(entry, text):
 def model_text(model):
     """JSON text of a model file."""
     def value(p):
-        return [p.low, p.high] if p.free else p.low
+        if isinstance(p, Parameter):
+            return [p.low, p.high] if p.free else p.low
+        return [v if not np.isscalar(v) or np.isfinite(v) else None
+                for v in p] if isinstance(p, list) else p
     hypotheses = [dict(name=h.model.__name__, label=h.name, bias_sigma=h.bias_sigma,
                        prior="log" if any(p.log for p in h.parameters) else "uniform",
                        parameters={p.symbol: value(p) for p in h.parameters})
                   for h in model.hypotheses]
+    for entry, added in zip(hypotheses, model.effects):
+        entry["effects"] = [
+            dict(name=one.effect.name, column=one.column or None,
+                 variant=one.variant or None,
+                 parameters={k: value(p) for k, p in one.parameters.items()})
+            for one in added]
     return json.dumps(dict(dt=model.dt, unit=model.unit, hypotheses=hypotheses),
                       indent=1)
 
@@ -2175,7 +4383,7 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
         for name in names)
 
 
-# ---- 8. Command line ---------------------------------- parse, read, call, print, draw
+# ---- 9. Command line ---------------------------------- parse, read, call, print, draw
 #
 # The drawings live here and not in `figures`, so that --plot works where this file was
 # copied alone; Matplotlib is imported when asked for.
@@ -2253,6 +4461,29 @@ def _parser():
     two.add_argument("--json", metavar="OUT.json", help="write the result")
     two.add_argument("--plot", metavar="OUT.png", help="draw the result")
 
+    four = commands.add_parser(
+        "diagnose", help="why a record differs from a simulator", formatter_class=raw,
+        description="Where a record differs from a simulator, which effect causes it,\n"
+                    "how far the gap closes once that effect is added.",
+        epilog="Effects looked for: " + ", ".join(CATALOGUE) + ".\n"
+               "Without --model and --simulated, the simulator is white noise, random "
+               "walk or\nMarkov process with priors from the record.")
+    four.add_argument("record", help="CSV with a header, .npz, .mat or .npy")
+    simulator = four.add_mutually_exclusive_group()
+    simulator.add_argument("--model", metavar="M.json", help="the simulator")
+    simulator.add_argument("--simulated", metavar="FILE",
+                           help="records of the simulator, error[L, N] or one column")
+    _record_options(four)
+    four.add_argument("--covariates", metavar="NAMES",
+                      help="columns beside the error, comma-separated, NAME or "
+                           "NAME=COLUMN, such as temperature=temp_degC "
+                           "(default all, '' for none)")
+    four.add_argument("--seed", type=_seed, default=0,
+                      help="of the simulated records, >= 0 (default 0)")
+    four.add_argument("--out", metavar="DIR",
+                      help="folder for report.json, report.png and model.json, "
+                           "the simulator with the effects added")
+
     three = commands.add_parser(
         "simulate", help="draw records from a model file", formatter_class=raw,
         description="Records from the prior of a model file; arrays error[L, N] "
@@ -2292,20 +4523,26 @@ def _record_options(parser):
                         help="take NaN and empty cells as missing samples")
 
 
-def _read(options, model=None):
-    """The record that the options name,
-    at the sampling interval of the model if there is one.
+def _read(options, model=None, beside=()):
+    """The record that the options name, with further columns, at the sampling interval
+    of the model if there is one.
     """
     dt = options.dt
     if dt is None and model and pathlib.Path(options.record).suffix.lower() == ".npy":
         dt = model.dt
     record = read_record(options.record, options.column, dt, options.resample,
-                         options.allow_missing)
+                         options.allow_missing, beside)
     if model and abs(record.dt - model.dt) > 0.01 * model.dt:
         raise ValueError(f"{options.record} is sampled at {record.dt:g} s, "
                          f"but the model is for dt = {model.dt:g} s: "
                          "its noises per sample do not apply")
     return record
+
+
+def _refuse_effects(file, model):
+    if model and model.effects:
+        raise ValueError(f"{file} has effects: only simulate draws them, "
+                         "take them out for anything else")
 
 
 PICTURES = ".png", ".pdf", ".svg", ".jpg"
@@ -2368,6 +4605,7 @@ def matrices(estimate, dt):
 
 def _identify(options):
     model = read_model(options.model) if options.model else None
+    _refuse_effects(options.model, model)
     if model and options.hypotheses is not None:
         raise ValueError("--hypotheses names defaults and --model brings its own: "
                          "give one of them")
@@ -2518,6 +4756,7 @@ def _draw_identify(plt, record, posterior, unit):
 
 def _criteria_command(options):
     model = read_model(options.model)
+    _refuse_effects(options.model, model)
     _check_outputs([options.model], options.json, plot=options.plot)
     if options.checkpoint is not None and not os.path.isdir(options.checkpoint):
         _check_outputs([], options.checkpoint)
@@ -2576,14 +4815,20 @@ def _simulate_command(options):
     _check_outputs([options.model, options.like], options.out)
     if options.records < 1 or options.samples is not None and options.samples < 1:
         raise ValueError("--records and --samples must be at least 1")
-    gaps, samples = slice(0), options.samples
+    needed = sorted({one.column for added in model.effects for one in added} - {""})
+    if needed and not options.like:
+        raise ValueError(f"the effects of {options.model} need the column"
+                         f"{'s' * (len(needed) > 1)} {', '.join(needed)}: "
+                         "give a record that has them with --like")
+    scene = Scene(np.zeros(options.samples or 0), model.dt, {})
     if options.like:
         options.record = options.like
-        like = _read(options, model)
-        samples, gaps = len(like.error), np.isnan(like.error)
-    trials = simulate(model.hypotheses, model.dt, samples, options.records,
-                      options.seed)
-    trials.error[:, gaps] = np.nan
+        like = _read(options, model, beside=needed)
+        scene = Scene(like.error, model.dt, like.columns)
+        check_scene(*scene)
+    trials = simulate_effects(model.hypotheses,
+                              model.effects or ((),) * len(model.hypotheses), scene,
+                              options.records, options.seed)
     names = np.array([h.name for h in model.hypotheses])
     _write(options.out, lambda stream: np.savez(
         stream, error=trials.error, dt=model.dt, hypothesis=names[trials.hypothesis],
@@ -2591,8 +4836,308 @@ def _simulate_command(options):
     print(f"{options.out}: error {trials.error.shape}, dt {model.dt:g} s")
 
 
+def simulator_from(records, dt):
+    """Hypotheses that describe records of a black box.
+
+    Parameters
+    ----------
+    records : (L, N) array
+    dt : float
+
+    Returns
+    -------
+    tuple of Hypothesis
+        Those found in any of the records; the range of a parameter holds its posterior
+        mean -+ 2 standard deviations in all of them.
+    """
+    spans = {}
+    for y in records[:20]:
+        posterior = identify(y, dt, default_hypotheses(y, dt))
+        e = posterior.estimates[int(posterior.probability.argmax())]
+        for p, mean, sd in zip(e.hypothesis.parameters, e.mean,
+                               np.sqrt(np.diag(e.covariance))):
+            low, high = max(p.low, mean - 2 * sd), min(p.high, mean + 2 * sd)
+            old = spans.setdefault(e.hypothesis.name, {}).get(p.symbol, (low, high))
+            spans[e.hypothesis.name][p.symbol] = min(low, old[0]), max(high, old[1])
+    means = np.nanmean(records, axis=1)
+    bias = float(np.sqrt(np.mean(means**2)) + np.nanstd(records[0]))
+    return tuple(hypothesis(name, bias_sigma=bias, **parameters)
+                 for name, parameters in spans.items())
+
+
+def _diagnose_command(options):
+    model = read_model(options.model) if options.model else None
+    _refuse_effects(options.model, model)
+    folder = None
+    if options.out is not None:
+        folder = pathlib.Path(options.out)
+        if folder.exists() and not folder.is_dir():
+            raise ValueError(f"{folder} is a file: a folder is needed")
+        _check_outputs([], *([folder / "report.json"] if folder.is_dir() else [folder]))
+        _check_outputs([options.record, options.model, options.simulated],
+                       *(folder / name for name in ("report.json", "model.json")
+                         if folder.is_dir()))
+    plt = _matplotlib() if folder else None
+    beside = None if options.covariates is None else [
+        part for part in options.covariates.split(",") if part]
+    record = _read(options, model, beside)
+    y, dt = record.error, record.dt
+    unit = model.unit if model else "u"
+    if model:
+        hypotheses = model.hypotheses
+    elif options.simulated:
+        hypotheses = simulator_from(_simulated(options, dt), dt)
+    else:
+        hypotheses = default_hypotheses(y, dt)
+    d = diagnose(y, dt, hypotheses, record.columns, seed=options.seed,
+                 progress=progress_bar)
+    print(_table(d, record, unit), end="")
+    if folder:
+        folder.mkdir(exist_ok=True)
+        sample = d.final.samples[d.final.best]
+        sd = np.sqrt(sample.weight @ (sample.theta - d.final.theta)**2)
+        # a uniform range of this half-width has that standard deviation
+        h, added = as_simulated(d.final, d.scene, d.after.theta, np.sqrt(3.0) * sd)
+        text = model_text(Model(dt, unit, (h,), (added,)))
+        answer = json.dumps(report(d, record), indent=1, allow_nan=False)
+        _write(folder / "model.json", lambda stream: stream.write(text.encode()))
+        _write(folder / "report.json", lambda stream: stream.write(answer.encode()))
+        _save(_draw_diagnosis(plt, d, record, unit), folder / "report.png")
+        print(f"{folder}: report.json, report.png, model.json")
+
+
+def _simulated(options, dt):
+    """Records (L, N) of a black-box simulator."""
+    file = pathlib.Path(options.simulated)
+    if file.suffix.lower() == ".npz" and file.is_file():
+        with _loaded(file, np.load) as archive:
+            if "error" in archive.files and archive["error"].ndim == 2:
+                own = float(archive["dt"]) if "dt" in archive.files else dt
+                if abs(own - dt) > 0.01 * dt:
+                    raise ValueError(f"{file} is sampled at {own:g} s, "
+                                     f"the record at {dt:g} s")
+                return np.asarray(archive["error"], float)
+    simulated = read_record(file, "error", options.dt)
+    if abs(simulated.dt - dt) > 0.01 * dt:
+        raise ValueError(f"{file} is sampled at {simulated.dt:g} s, "
+                         f"the record at {dt:g} s")
+    return simulated.error[None]
+
+
+def _finite(x):
+    """A number for JSON: None where there is none."""
+    if isinstance(x, (list, tuple)):
+        return [_finite(v) for v in x]
+    if isinstance(x, str):
+        return x
+    return float(x) if np.isfinite(x) else None
+
+
+def _outstanding(gap_before, gap_after):
+    """Of every place the statistic that stands out most, largest first."""
+    places = np.array(gap_before.statistics.place)
+    best = [int(np.flatnonzero(places == place)[
+        np.abs(gap_before.distance[places == place]).argmax()])
+        for place in gap_before.p_place]
+    return sorted(best, key=lambda i: -abs(gap_before.distance[i]))
+
+
+def report(d, record):
+    """Contents of report.json for a diagnosis of a `Record`."""
+    s = d.before.statistics
+    return dict(
+        record=dict(file=record.file, column=record.column, samples=len(record.error),
+                    dt=record.dt),
+        verdict=d.verdict,
+        gap=dict(p_value=d.before.p_value, residual_p_value=d.after.p_value,
+                 before=d.rms_before, after=d.rms_after, closed=_finite(d.closed),
+                 closed_interval=_finite(d.closed_interval),
+                 nats_per_sample=d.nats_per_sample),
+        where=[dict(place=s.place[i], at=_finite(s.at[i].tolist()),
+                    column=s.column[i] or None, before=abs(float(d.before.distance[i])),
+                    after=abs(float(d.after.distance[i])),
+                    p_value=d.before.p_place[s.place[i]],
+                    residual_p_value=d.after.p_place[s.place[i]])
+               for i in _outstanding(d.before, d.after)],
+        causes=[dict(effect=c.effect, column=c.column or None,
+                     probability=c.probability, log_bayes_factor=c.log_bayes,
+                     parameters={k: dict(mean=_finite(v[0]), sd=_finite(v[1]))
+                                 for k, v in c.parameters.items()})
+                for c in d.causes],
+        needed_duration=_finite(d.needed_duration))
+
+
+FACTORS = {9.80665: "g taken for m/s^2", 57.29578: "deg taken for rad",
+           3600.0: "per hour taken for per second", 60.0: "per root hour taken for "
+           "per root second", 1000.0: "milli left out"}
+
+
+def _looks_like(factor, sd, dt):
+    """What a wrong factor usually is."""
+    named = {**FACTORS, 1.0 / dt: "the sampling rate",
+             dt**-0.5: "root of the rate: a density taken for a per-sample sigma, or "
+             "the other way round"}
+    for value, text in named.items():
+        for v in (value, 1.0 / value):
+            if abs(factor - v) < max(3.0 * sd, 0.03 * v) and sd < 0.2 * v \
+                    and abs(np.log(v)) > 0.2:
+                return f"; about {v:.4g}: {text}"
+    return ""
+
+
+def _words(c, unit, dt):
+    """Parameters of a cause as text."""
+    parts = []
+    for name, (mean, sd) in c.parameters.items():
+        if isinstance(mean, list):
+            shown = mean if len(mean) <= 2 else f"{len(mean)} of them"
+            parts.append(f"{name} {shown}")
+        elif isinstance(mean, str):
+            parts.append(mean)
+        else:
+            parts.append(f"{name} {mean:.4g}" + (f" +- {sd:.2g}" if sd else ""))
+    if c.effect == "wrong_parameter" and "factor" in c.parameters:
+        parts.append(_looks_like(*c.parameters["factor"], dt).lstrip("; "))
+    return ", ".join(filter(None, parts))
+
+
+def _table(d, record, unit):
+    """The diagnosis as a table for a terminal."""
+    lines = [f"{record.file}, column {record.column}: {len(record.error)} samples at "
+             f"{record.dt:g} s; beside it: {', '.join(record.columns) or 'nothing'}",
+             f"verdict: {d.verdict}"]
+    if d.before.p_value > 0.05:
+        lines.append("the simulator describes the record: a gap as large has the "
+                     f"chance {d.before.p_value:.2g}")
+    else:
+        lines.append(f"gap: {d.rms_before:.3g} standard deviations where it stands out "
+                     f"(p = {d.before.p_value:.2g}; 1 is no gap)")
+    lines.append(f"{'cause':<28}{'probability':>11}{'ln B':>8}  size, in {unit}, s, Hz")
+    for c in d.causes[:6]:
+        if c.probability < 5e-4 and c.effect not in ("none", "unknown"):
+            continue
+        column = f" ({c.column})" if c.column and c.column not in c.effect else ""
+        log_bayes = f"{c.log_bayes:.1f}" if c.parameters else ""
+        lines.append(f"{c.effect + column:<28}{c.probability:>11.3f}{log_bayes:>8}  "
+                     + _words(c, unit, record.dt))
+    lines.append(f"{'where':<16}{'at':<24}{'before':>8}{'after':>8}{'p':>10}"
+                 "   standard deviations")
+    s = d.before.statistics
+    for i in _outstanding(d.before, d.after):
+        low, high = s.at[i]
+        at = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+        at += f" {s.column[i] or UNITS[s.place[i]]}"
+        before, after = (abs(g.distance[i]) for g in (d.before, d.after))
+        lines.append(f"{s.place[i]:<16}{at:<24}{before:>8.1f}{after:>8.1f}"
+                     f"{d.before.p_place[s.place[i]]:>10.2g}")
+    if np.isfinite(d.closed):
+        low, high = d.closed_interval
+        lines.append(f"closed by adding {_added_names(d)}: {100 * d.closed:.0f} % "
+                     f"[{100 * low:.0f}, {100 * high:.0f}] of the gap, "
+                     f"{d.nats_per_sample:.2g} nats a sample; left: p = "
+                     f"{d.after.p_value:.2g}")
+    named = [c.effect for c in d.causes if c.effect in CATALOGUE][:2]
+    for name in named if d.verdict == "undecided" else named[:1]:
+        e = CATALOGUE[name]
+        if d.verdict != "none":
+            lines.append(f"{name} is confused with {e.resembles}; "
+                         f"to tell: {e.experiment}")
+    if d.verdict == "undecided":
+        lines.append(f"a record of about {d.needed_duration:.3g} s would tell the "
+                     "first two apart")
+    if d.verdict == "unknown":
+        i = _outstanding(d.after, d.after)[0]
+        lines.append("what is left fits no effect of the catalogue: look at "
+                     f"{s.place[i].replace('_', ' ')} {s.at[i][0]:.4g} to "
+                     f"{s.at[i][1]:.4g} {s.column[i] or UNITS[s.place[i]]}")
+    return "\n".join(lines) + "\n"
+
+
+def _added_names(d):
+    return "+".join(c.effect for c in d.found) or "nothing"
+
+
+def _draw_diagnosis(plt, d, record, unit):
+    """Log-score gain over time; Allan deviation in the simulated bands before and
+    after; residuals against what the cause is about.
+    """
+    scene = d.scene
+    fig, axes = plt.subplots(1, 3, figsize=(15.0, 4.4))
+    fig.suptitle(f"{pathlib.Path(record.file).name}, {record.column}: {d.verdict}")
+    left, middle, right = axes
+    gain = np.nan_to_num(d.after.log_score - d.before.log_score)
+    left.plot(scene.time, np.cumsum(gain), "k-")
+    left.set(xlabel="time, s", title=f"gain of the simulator with {_added_names(d)}",
+             ylabel="log score, one step ahead, sum, nats")
+
+    tau, adev = allan_deviation(scene.y, scene.dt)
+    m = np.round(tau / scene.dt).astype(int)
+    for acc, gap, colour, label in (
+            (d.base, d.before, "tab:red", "simulator as it was"),
+            (d.final, d.after, "tab:blue", f"with {_added_names(d)}")):
+        h, added = as_simulated(acc, scene, gap.theta)
+        drawn = simulate_effects([h], [added], scene, 60, 1).error
+        curves = np.sqrt([[allan_variance(row, scene.dt, k) for k in m]
+                          for row in drawn])
+        middle.fill_between(tau, *np.nanquantile(curves, [0.05, 0.95], axis=0),
+                            color=colour, alpha=0.3, linewidth=0,
+                            label=f"{label}, 90 % of records")
+    middle.loglog(tau, adev, "k.-", label="record")
+    middle.set(xlabel="averaging time, s", ylabel=f"Allan deviation, {unit}",
+               xscale="log", yscale="log")
+    middle.legend(frameon=False)
+
+    i = _outstanding(d.before, d.after)[0]
+    place, column = d.before.statistics.place[i], d.before.statistics.column[i]
+    for z, colour, label in ((d.before.z, "tab:red", "before"),
+                             (d.after.z, "tab:blue", "after")):
+        x, value = _residual_curve(z, scene, place, column)
+        right.plot(x, value, ".-", color=colour, label=label, alpha=0.8)
+    labels = dict(
+        time=("time, s", "mean residual, standard errors"),
+        frequency=("frequency, Hz", "power of the residuals"),
+        averaging_time=("lag, s", "correlation of the residuals"),
+        lag=("lag, s", "correlation of the residuals"),
+        amplitude=("residual, standard deviations", "samples over those expected"),
+        covariate=(column, "mean residual, standard errors"))
+    right.set(xlabel=labels[place][0], ylabel=labels[place][1],
+              title=f"where it stands out: {place.replace('_', ' ')}")
+    if place == "frequency":
+        right.set(xscale="log", yscale="log")
+    right.legend(frameon=False)
+    for ax in axes:
+        ax.grid(True, which="major", alpha=0.3)
+    return fig
+
+
+def _residual_curve(z, scene, place, column):
+    """Residuals against the coordinate of a place."""
+    seen = ~np.isnan(z)
+    z0 = np.where(seen, z, 0.0)
+    if place == "frequency":
+        power = np.abs(np.fft.rfft(z0))**2 / max(seen.sum(), 1)
+        edges = np.unique(np.geomspace(1, len(power), 60).astype(int))
+        frequency = np.fft.rfftfreq(len(z), scene.dt)
+        return ([frequency[a:b].mean() for a, b in zip(edges[:-1], edges[1:])],
+                [power[a:b].max() if b - a < 3 else power[a:b].mean()
+                 for a, b in zip(edges[:-1], edges[1:])])
+    if place in ("lag", "averaging_time"):
+        lags = np.arange(1, min(40, len(z) // 4))
+        return lags * scene.dt, [np.mean(z0[k:] * z0[:-k]) for k in lags]
+    if place == "amplitude":
+        edges = np.linspace(-6.0, 6.0, 25)
+        count = np.histogram(z0[seen].clip(-5.99, 5.99), edges)[0]
+        expected = np.diff(ndtr(edges)) * seen.sum()
+        return 0.5 * (edges[1:] + edges[:-1]), (count + 0.5) / (expected + 0.5)
+    x = scene.columns[column] if place == "covariate" else scene.time
+    parts = [part for part in np.array_split(np.argsort(x, kind="stable"), 32)
+             if seen[part].any()]
+    return ([x[part].mean() for part in parts],
+            [z0[part].sum() / np.sqrt(seen[part].sum()) for part in parts])
+
+
 COMMANDS = dict(identify=_identify, criteria=_criteria_command,
-                simulate=_simulate_command)
+                simulate=_simulate_command, diagnose=_diagnose_command)
 
 
 def main(argv=None):

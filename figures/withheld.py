@@ -1,0 +1,194 @@
+"""The sealed check: every record of data/withheld is diagnosed and its report written;
+only then are the labels opened.
+
+Left: records named rightly by severity, with 95 % intervals, and false alarms. Middle:
+are the probabilities true? Right: fraction of the gap that is closed.
+"""
+
+import csv
+import hashlib
+import json
+import pathlib
+import sys
+
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.stats import beta
+
+import figures
+import sensorid
+from figures import save
+
+DATA = pathlib.Path(__file__).parent.parent / "data" / "withheld"
+OUTSIDE, PAIR = 9, 5    # the labels' levels for effects outside the catalogue; pairs
+
+
+def interval(k, n):
+    """Exact 95 % interval of a proportion (Clopper and Pearson)."""
+    low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
+    high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
+    return low, high
+
+
+def compute():
+    """Reports of all records, by number; those already written are kept."""
+    folder = figures.OUTPUT / "withheld"
+    folder.mkdir(parents=True, exist_ok=True)
+    seal = hashlib.sha256((DATA / "labels.csv").read_bytes()).hexdigest()
+    print(f"labels sealed: sha256 {seal}", file=sys.stderr)
+    source = hashlib.sha256(pathlib.Path(sensorid.__file__).read_bytes()).hexdigest()
+    model = sensorid.read_model(DATA / "model.json")
+    names = np.load(DATA / "records.npz")["name"]
+    reports = {}
+    for number, name in enumerate(names):
+        file = folder / f"{name}.json"
+        kept = json.loads(file.read_text()) if file.exists() else {}
+        if kept.get("source") != source:
+            record = sensorid.read_record(DATA / "records.npz", f"error[{number}]",
+                                          beside=None)
+            d = sensorid.diagnose(record.error, record.dt, model.hypotheses,
+                                  record.columns)
+            kept = {**sensorid.report(d, record), "source": source}
+            kept["record"]["file"] = "data/withheld/records.npz"
+            file.write_text(json.dumps(kept, indent=1))
+        reports[str(name)] = kept
+        if figures.size["progress"]:
+            figures.size["progress"](number + 1, len(names))
+    assert hashlib.sha256((DATA / "labels.csv").read_bytes()).hexdigest() == seal
+    return reports
+
+
+def labelled(reports):
+    """Rows of (effects, level, truth, report), read when all reports are written."""
+    with open(DATA / "labels.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    return [(row["effects"], int(row["level"]),
+             json.loads(row["info"]).get("truth") or {} if row["info"] else {},
+             reports[row["record"]]) for row in rows]
+
+
+def right(effects, report):
+    """Is the verdict the truth? Outside the catalogue: does it force no name?"""
+    if not set(effects.split("+")) <= {*sensorid.CATALOGUE, "none"}:
+        return report["verdict"] in ("unknown", "undecided")
+    return set(report["verdict"].split("+")) == set(effects.split("+"))
+
+
+def false_alarm(effects, report):
+    """Was an effect, or an unknown one, said where there is none?"""
+    return effects == "none" and report["verdict"] not in ("none", "undecided")
+
+
+def errors(rows):
+    """(symbol, error, error in reported sd) of the parameters of single effects named
+    rightly."""
+    found = []
+    for effects, _, truth, report in rows:
+        if effects in truth and right(effects, report):
+            reported = report["causes"][0]["parameters"]
+            for symbol, value in truth[effects].items():
+                one = reported.get(symbol)
+                if isinstance(value, float) and one and one["sd"]:
+                    mean = one["mean"]
+                    if symbol == "amplitude":    # of either sign: the phase tells
+                        mean = np.copysign(mean, value)
+                    error = mean - value
+                    found.append((f"{effects}.{symbol}", error, error / one["sd"]))
+    return found
+
+
+def calibration(rows):
+    """(probability of the first cause, was it right) of every record."""
+    return np.array([(report["causes"][0]["probability"],
+                      right(effects, {"verdict": report["causes"][0]["effect"]}))
+                     for effects, _, _, report in rows])
+
+
+def calibration_error(pairs, bins=10):
+    """Expected calibration error."""
+    at = np.minimum((pairs[:, 0] * bins).astype(int), bins - 1)
+    off = pairs[:, 0] - pairs[:, 1]
+    return sum(abs(off[at == b].sum()) for b in set(at)) / len(pairs)
+
+
+def table(rows):
+    """The result as text."""
+    lines = []
+
+    def line(text, hits):
+        k, n = int(np.sum(hits)), len(hits)
+        if n:
+            low, high = interval(k, n)
+            lines.append(f"{text:<44}{k:>4} of {n:<5}{100 * k / n:5.1f} % "
+                         f"[{100 * low:.1f}, {100 * high:.1f}]")
+    none = [r for r in rows if r[0] == "none"]
+    line("said an effect where there is none", [false_alarm(r[0], r[3]) for r in none])
+    for level in (1, 2, 3, 4):
+        line(f"named rightly, level {level}", [
+            right(r[0], r[3]) for r in rows if r[1] == level and "+" not in r[0]])
+    line("two effects, both named",
+         [right(r[0], r[3]) for r in rows if r[1] == PAIR])
+    line("outside the catalogue: unknown or undecided",
+         [right(r[0], r[3]) for r in rows if r[1] == OUTSIDE])
+    for level in (3, 4):
+        closed = [r[3]["gap"]["closed"] for r in rows if r[1] == level
+                  and right(r[0], r[3]) and r[3]["gap"]["closed"] is not None]
+        if closed:
+            lines.append(f"closed fraction, median, level {level}:     "
+                         f"{np.median(closed):.2f} of {len(closed)} records")
+    off = errors(rows)
+    line("parameters within two reported sd", [abs(z) <= 2.0 for _, _, z in off])
+    for symbol, unit in (("onset", "s"), ("frequency", "Hz")):
+        own = [abs(e) for name, e, _ in off if name.endswith(symbol)]
+        if own:
+            lines.append(f"localisation, median error of {symbol}:      "
+                         f"{np.median(own):.2g} {unit} of {len(own)}")
+    pairs = calibration(rows)
+    lines.append("expected calibration error:                 "
+                 f"{calibration_error(pairs):.3f}")
+    return "\n".join(lines)
+
+
+def draw(rows):
+    fig, (left, middle, last) = plt.subplots(1, 3, figsize=(13.0, 4.2))
+    groups = [("none", [r for r in rows if r[0] == "none"])] + [
+        (f"level {level}", [r for r in rows if r[1] == level and "+" not in r[0]])
+        for level in (1, 2, 3, 4)] + [
+        ("pairs", [r for r in rows if r[1] == PAIR]),
+        ("outside", [r for r in rows if r[1] == OUTSIDE])]
+    groups = [(name, part) for name, part in groups if part]
+    for at, (_, part) in enumerate(groups):
+        hits = [right(r[0], r[3]) for r in part]
+        low, high = interval(sum(hits), len(hits))
+        left.bar(at, np.mean(hits), color="tab:blue", alpha=0.7)
+        left.plot([at, at], [low, high], "k-")
+    left.set_xticks(range(len(groups)), [name for name, _ in groups], rotation=30)
+    left.set(ylabel="fraction right", ylim=(0.0, 1.03), title="verdicts")
+    pairs = calibration(rows)
+    edges = np.linspace(0.0, 1.0, 6)
+    for low, high in zip(edges[:-1], edges[1:]):
+        own = pairs[(pairs[:, 0] > low) & (pairs[:, 0] <= high)]
+        if len(own):
+            ends = interval(int(own[:, 1].sum()), len(own))
+            middle.plot([own[:, 0].mean()] * 2, ends, "k-", linewidth=1)
+            middle.plot(own[:, 0].mean(), own[:, 1].mean(), "o", color="tab:blue",
+                        markersize=3 + np.sqrt(len(own)))
+    middle.plot([0, 1], [0, 1], "--", color="0.6")
+    middle.set(xlabel="probability of the first cause", ylabel="fraction right",
+               title="are the probabilities true?")
+    for level in (2, 3, 4):
+        closed = sorted(r[3]["gap"]["closed"] for r in rows if r[1] == level
+                        and right(r[0], r[3]) and r[3]["gap"]["closed"] is not None)
+        if closed:
+            last.plot(closed, np.linspace(0, 1, len(closed)), "o-",
+                      label=f"level {level}")
+    last.set(xlabel="fraction of the gap closed", ylabel="fraction of records",
+             title="effects named rightly", xlim=(-0.05, 1.05))
+    last.legend()
+    return fig
+
+
+def main():
+    rows = labelled(compute())
+    print(table(rows))
+    save(draw(rows), "withheld")
