@@ -1924,6 +1924,9 @@ def model_allan_variance(filt, m):
 #
 # Evidence is integrated over all parameters, Eq. (11), by adaptive importance sampling.
 
+BLOCK = 10**6    # samples of simulated records that are worked on at a time: 100 MB
+NODE_BLOCK = 8 * BLOCK    # the same for one record at many nodes; few leave cores idle
+
 class Scene(NamedTuple):
     """A record and what was recorded beside it."""
 
@@ -2228,7 +2231,7 @@ class Added(NamedTuple):
     parameters: dict     # symbol -> Parameter; a size, and a phase, among them
 
 
-def simulate_effects(hypotheses, effects, scene, trials=1, seed=0):
+def simulate_effects(hypotheses, effects, scene, trials=1, seed=0, first=0):
     """Records of hypotheses with effects.
 
     Parameters
@@ -2239,7 +2242,8 @@ def simulate_effects(hypotheses, effects, scene, trials=1, seed=0):
         Those of every hypothesis.
     scene : Scene
         Gives the length and the columns; its missing samples will be missing.
-    trials, seed : int
+    trials, seed, first : int
+        As for `simulate`.
 
     Returns
     -------
@@ -2258,9 +2262,10 @@ def simulate_effects(hypotheses, effects, scene, trials=1, seed=0):
                     for p in h.parameters)
                 h = h._replace(parameters=own)
         extended.append(h)
-    drawn = simulate(extended, scene.dt, len(scene.y), trials, seed)
+    drawn = simulate(extended, scene.dt, len(scene.y), trials, seed, first)
     for trial, y in enumerate(drawn.error):
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, 1)))
+        rng = np.random.default_rng(
+            np.random.SeedSequence(seed, spawn_key=(first + trial, 1)))
         h = extended[drawn.hypothesis[trial]]
         values = dict(zip((p.symbol for p in h.parameters), drawn.theta[trial]))
         _add_jumps(y, scene.dt, values, rng)
@@ -2567,9 +2572,9 @@ class Sample(NamedTuple):
         return w / w.sum()
 
 
-POINTS = 64       # of a round
+POINTS = 48       # of a round
 ROUNDS = 14       # at most
-ENOUGH = 80.0    # effective points at which the evidence is good to 0.1 nat
+ENOUGH = 60.0    # effective points at which the evidence is good to 0.13 nat
 
 
 def _from_normal(x, parameters):
@@ -2899,24 +2904,39 @@ def _scan_steps(solved, scene):
     return Scan(scene.time[1:], number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
 
 
+@njit(parallel=True, **JIT)
+def _line_gains(line, turn, count, a, q, r):
+    """Gain, amplitude and its standard error (M, m) of sinusoids.
+
+    line (M, m) complex, the transform of C^-1 y; turn (m,) = |1 - exp(-i w)|^2. The
+    information of a sinusoid is count / 2 over the spectrum of the model, averaged over
+    the two levels that its white noise r (M, 1 or N) may have.
+    """
+    M, m = line.shape
+    gain, size, sd = np.empty((M, m)), np.empty((M, m)), np.empty((M, m))
+    for node in prange(M):
+        low, high = r[node, 0], r[node, -1]
+        share = (r[node].mean() - low) / (high - low) if high != low else 0.0
+        for j in range(m):
+            S = 0.0
+            for s in range(a.shape[1]):
+                S += q[node, s] / ((1.0 - a[node, s])**2 + a[node, s] * turn[j])
+            J = 0.5 * count * ((1.0 - share) / (S + low) + share / (S + high))
+            square = line[node, j].real**2 + line[node, j].imag**2
+            gain[node, j] = square / J
+            size[node, j] = np.sqrt(square) / J
+            sd[node, j] = 1.0 / np.sqrt(J)
+    return gain, size, sd
+
+
 def _scan_frequencies(h, solved, scene, theta):
-    n = PADDING * len(scene.y)
-    v = _nodes(h, scene.dt, theta)
-    frequency = np.fft.rfftfreq(n, scene.dt)
-    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)    # |1 - e^-iw|^2
-    S = sum(q[:, None] / ((1.0 - a[:, None])**2 + a[:, None] * turn + 1e-300)
-            for a, q in zip(v.a.T, v.q.T))
-    first, last = v.r[:, :1], v.r[:, -1:]    # two levels of the noise at most
-    step = np.where(last == first, 1.0, last - first)
-    share = (v.r.mean(1, keepdims=True) - first) / step
-    J = 0.5 * (~np.isnan(scene.y)).sum() * (
-        (1.0 - share) / (S + first) + share / (S + last))
-    line = np.fft.rfft(solved.residual, n)
-    frequency = np.fft.rfftfreq(n, scene.dt)
+    n, v = PADDING * len(scene.y), _nodes(h, scene.dt, theta)
     keep = slice(int(1.5 * PADDING), -PADDING)
-    square = line.real[:, keep]**2 + line.imag[:, keep]**2
-    J = J[:, keep]
-    return Scan(frequency[keep], square / J, np.sqrt(square) / J, 1.0 / np.sqrt(J), 2)
+    frequency = np.fft.rfftfreq(n, scene.dt)[keep]
+    line = np.fft.rfft(solved.residual, n)[:, keep]
+    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
+    return Scan(frequency, *_line_gains(line, turn, np.sum(~np.isnan(scene.y)), v.a,
+                                        v.q, v.r), 2)
 
 
 class Search(NamedTuple):
@@ -2981,6 +3001,10 @@ def signature_evidence(h, scene, signatures, list_of_searches, guess=None,
     table_of = _TABLE if table_of is None else table_of
     explicit = [s for s in list_of_searches if s.columns is not None]
 
+    def all_of(theta):
+        parts = np.array_split(theta, -(-len(theta) * len(scene.y) // NODE_BLOCK))
+        return np.vstack([log_likelihood_of(part) for part in parts if len(part)])
+
     def log_likelihood_of(theta):
         solved = solve(h, scene, signatures, theta)
         table = [solved.base]
@@ -2995,7 +3019,7 @@ def signature_evidence(h, scene, signatures, list_of_searches, guess=None,
             table.append(solved.base + _mean_bayes(
                 np.ascontiguousarray(result.gain), table_of[result.k], 1.0 / _ROOT[1]))
         return np.column_stack(table)
-    return integrate(log_likelihood_of, h.parameters, guess)
+    return integrate(all_of, h.parameters, guess)
 
 
 # ---- what readings hide is seen in the values themselves
@@ -3624,10 +3648,11 @@ def as_simulated(acc, scene, theta, widths=None):
     return base._replace(parameters=tuple(map(ranged, base.parameters))), tuple(added)
 
 
-TRIALS = 199    # simulated records behind every p-value
+TRIALS = 199    # simulated records behind every p-value; half of them for a record
+LONG = 20000    # of more samples than this
 
 
-def distance(scene, acc, trials=TRIALS, seed=0):
+def distance(scene, acc, trials=None, seed=0):
     """`Gap` of a record to the simulator of an account, put through the same fit.
 
     The record and `trials` simulated ones are filtered at the posterior mean. Refitting
@@ -3635,16 +3660,17 @@ def distance(scene, acc, trials=TRIALS, seed=0):
     log-likelihood to the parameters; that is taken away instead, for all alike.
     """
     h, sample, theta = acc.hypotheses[acc.best], acc.samples[acc.best], acc.theta
+    trials = trials or (TRIALS if len(scene.y) <= LONG else TRIALS // 2)
     free = [c for c, p in enumerate(h.parameters) if p.free]
     step = 0.5 * np.sqrt(sample.weight @ (sample.theta - theta)**2)
     step = np.where(theta + step < [p.high for p in h.parameters], step, -step)
     shifted = theta + np.vstack([np.zeros(len(theta)), np.diag(step)[free]])
     own = without_readings(scene.y[None], acc.readings)
 
-    def drawn(theta, trials, seed):
+    def drawn(theta, trials, seed, first=0):
         """Records of the simulator as they are read, and less what says nothing."""
         fixed, added = as_simulated(acc, scene._replace(y=own[0]), theta)
-        read = simulate_effects([fixed], [added], scene, trials, seed).error
+        read = simulate_effects([fixed], [added], scene, trials, seed, first).error
         return read, without_readings(read, acc.readings)
 
     def scores(masked):
@@ -3661,15 +3687,19 @@ def distance(scene, acc, trials=TRIALS, seed=0):
             move = np.clip(_inverse(s[1:]) @ (s[0] - s[1:].mean(0)), -4.0, 4.0)
             truth[free] = np.clip(truth[free] + move * step[free],
                                   0.5 * truth[free], 2.0 * truth[free])
-    read, masked = drawn(truth, trials, seed)
-    read, masked = np.vstack([scene.y, read]), np.vstack([own, masked])
-    predicted = predict(h, masked, scene.dt, acc.signatures, theta[None])
+    white = _whitened_probes(acc, scene, own[0])
+    predicted = predict(h, own, scene.dt, acc.signatures, theta[None])
     z = predicted.z[:, 0]
-    stats = statistics(z, read, scene, _whitened_probes(acc, scene, own[0]))
-
-    T = stats.value
+    stats = statistics(z, scene.y[None], scene, white)
+    T, s = [stats.value], [scores(own)]
+    block = int(np.clip(BLOCK // len(scene.y), 1, trials))
+    for first in range(0, trials, block):
+        read, masked = drawn(truth, min(block, trials - first), seed, first)
+        part = predict(h, masked, scene.dt, acc.signatures, theta[None]).z[:, 0]
+        T.append(statistics(part, read, scene, white).value)
+        s.append(scores(masked))
+    T, s = np.vstack(T), np.vstack(s)
     if free:
-        s = scores(masked)
         s -= s[1:].mean(0)
         inverse = _inverse(s[1:])
         s[0] *= min(1.0, 3.0 / np.sqrt(max(s[0] @ inverse @ s[0], 1e-300)))
@@ -3760,7 +3790,7 @@ def unknown_probability(p_value):
     return float(1.0 / (1.0 + np.exp(-log_odds)))
 
 
-def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=TRIALS, seed=0,
+def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
              progress=None):
     """Where a record differs from a simulator, which effect causes it, how far adding
     that effect closes the gap.
@@ -3777,8 +3807,9 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=TRIALS, seed=
         What was recorded beside the error; `CATALOGUE` names what is looked for.
     effects : sequence of Effect, optional
         By default all of the catalogue.
-    trials, seed : int
-        Simulated records behind every p-value.
+    trials : int, optional
+        Simulated records behind every p-value, by default TRIALS.
+    seed : int
     progress : function of (done, all), optional
 
     Returns
@@ -4391,7 +4422,7 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
 DESCRIPTION = """\
 sensorid says which error model a gyro or an accelerometer follows, with which
 parameters, and how well that can be known at all (Stepanov and Motorin,
-Sensors 2019, 19(9), 1997)."""
+Sensors 2019, 19(9), 1997); and why a simulated sensor differs from the real one."""
 
 EPILOG = """\
 a first session:
@@ -4399,6 +4430,7 @@ a first session:
   python -m sensorid criteria model.json --duration 2000 --trials 500
   python -m sensorid simulate model.json --samples 20000 --records 10 \\
     --out simulated.npz
+  python -m sensorid diagnose record.csv --model model.json --out gap
 
 record.csv has a header: time,error. model.json holds the hypotheses:
   {"dt": 0.1, "unit": "deg/h", "bias_sigma": 1.0, "hypotheses": [

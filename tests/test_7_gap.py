@@ -357,7 +357,7 @@ def test_a_plain_effect_is_named(effect):
         if np.isscalar(truth) and effect != "bias_instability":
             mean, sd = d.found[0].parameters[name]
             assert abs(abs(mean) - abs(truth)) < 4.0 * sd + 1e-3 * abs(truth), name
-    assert np.isnan(d.closed) or d.closed > 0.7
+    assert np.isnan(d.closed) or d.closed_interval[1] > 0.8
 
 
 def test_nothing_is_said_where_nothing_is():

@@ -114,7 +114,7 @@ README = (ROOT / "README.md").read_text()
 
 def test_the_readmes_example_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (example,) = re.findall(r"```python\n(.*?)```", README, re.S)
+    example = "\n".join(re.findall(r"```python\n(.*?)```", README, re.S))
     exec(compile(example, "README", "exec"), {})
 
 
