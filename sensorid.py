@@ -2109,7 +2109,7 @@ def _stick(scene, y, value):
 def lattice(y):
     """Spacing of the values of a record, or 0 where they lie on no lattice."""
     values = np.unique(y[~np.isnan(y)])
-    if len(values) < 3 or len(values) > 0.9 * len(y):
+    if len(values) < 3:
         return 0.0
     step = np.diff(values)
     step = step[step > 1e-9 * (values[-1] - values[0])]
@@ -3064,7 +3064,8 @@ def readings(scene):
     enough = 2
     if lsb:    # a value in the middle of its cell stays there by chance
         tie = math.erf(lsb / max(2.0 * np.sqrt(2.0) * noise, 1e-9 * lsb))
-        enough = np.log(1e-4 / N) / np.log(tie) if lsb < 2.0 * noise else np.inf
+        enough = (max(2.0, np.log(1e-4 / N) / np.log(tie)) if lsb < 2.0 * noise
+                  else np.inf)
     spans = [(begin - 1, n + 1) for begin, n in zip(start, length) if n >= enough]
     stuck = np.zeros(N, bool)
     for begin, n in spans:
@@ -3265,9 +3266,10 @@ def look(scene, acc, effects, noises=True):
     first = not (acc.signatures or acc.readings or acc.hypotheses[0].parameters
                  != acc.bases[0].parameters)
     alone = PRIOR_NONE if first else PRIOR_LAST
-    chance = np.log(1.0 - alone) - np.log(max(len(names), 1))
-    probability = probabilities([np.log(alone)] + [
-        chance + log_bayes[name] for name in names])
+    share = np.array([_share(acc, *name) for name in names])
+    probability = probabilities([np.log(alone), *(
+        np.log((1.0 - alone) * share / share.sum())
+        + [log_bayes[name] for name in names])])
     order = np.argsort(-probability[1:])
     chosen = None
     if probability[0] < 0.5:
@@ -3296,6 +3298,14 @@ def look(scene, acc, effects, noises=True):
     causes.append(Cause("none", "", float(probability[0]), 0.0, {}))
     causes.sort(key=lambda c: -c.probability)
     return Step(tuple(causes), chosen)
+
+
+def _share(acc, effect, symbol):
+    """Prior of an effect, relative to others: ranges are seldom wrong, numbers often.
+    """
+    ranged = effect == "wrong_parameter" and all(
+        p.free for h in acc.hypotheses for p in h.parameters if p.symbol == symbol)
+    return 0.1 if ranged else 1.0
 
 
 def _fits(effect, acc, scene):
@@ -3666,11 +3676,15 @@ def distance(scene, acc, trials=None, seed=0):
     step = np.where(theta + step < [p.high for p in h.parameters], step, -step)
     shifted = theta + np.vstack([np.zeros(len(theta)), np.diag(step)[free]])
     own = without_readings(scene.y[None], acc.readings)
+    printed = lattice(scene.y) if all(r.effect != "quantization" for r in acc.readings
+                                      ) else 0.0
 
     def drawn(theta, trials, seed, first=0):
         """Records of the simulator as they are read, and less what says nothing."""
         fixed, added = as_simulated(acc, scene._replace(y=own[0]), theta)
         read = simulate_effects([fixed], [added], scene, trials, seed, first).error
+        if printed:    # to so many digits, finer than would be an effect
+            _quantize(scene, read, dict(lsb=printed))
         return read, without_readings(read, acc.readings)
 
     def scores(masked):
@@ -3775,7 +3789,7 @@ MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be 
 SURE = 0.5              # a verdict is more probable than all others together
 OUTSTANDING = 3.0       # standard deviations: what a gap is measured on
 LOOK_ON = 0.2           # p-value from which on no second noise is looked for
-MOST = 3                # effects that are looked for, one after another
+MOST = 3                # effects beside readings, looked for one after another
 
 
 def unknown_probability(p_value):
@@ -3858,7 +3872,7 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
                      probability, sum(c.log_bayes for c in found), _merged(found))
 
     after = distance(full, acc, trials, seed + 1) if found else before
-    while len(found) < MOST and not any(r.opaque for r in known):
+    while len(found) < len(known) + MOST and not any(r.opaque for r in known):
         # what is no signature shows in the undirected statistics, if it is there
         step = look(scene, acc, effects, not found or after.p_value < LOOK_ON)
         tell()

@@ -480,3 +480,44 @@ def test_a_black_box_simulator_is_taken_by_its_records(tmp_path, capsys):
     assert sensorid.main(["diagnose", str(tmp_path / "r.npz"), "--simulated",
                           str(tmp_path / "s.npz")]) == 0
     assert "verdict: bias_step" in capsys.readouterr().out
+
+
+# ---- real recordings
+
+def test_a_turn_on_transient_and_its_temperature(real):
+    with np.load(real / "mpu6050_static10min_temp.npz") as z:
+        n = z["temp_degC"].size // 50 * 50    # 0.5 s means: the stamps jitter
+        y = z["accel_counts"][1, :n].reshape(-1, 50).mean(1) / 4.096    # mg
+        T = z["temp_degC"][:n].reshape(-1, 50).mean(1)
+    hypotheses = sensorid.default_hypotheses(y, 0.5)
+    hidden = sensorid.diagnose(y, 0.5, hypotheses)
+    assert hidden.verdict == "turn_on_transient"
+    assert 60.0 < hidden.found[0].parameters["tau"][0] < 250.0
+    shown = sensorid.diagnose(y, 0.5, hypotheses, dict(temperature=T))
+    best = {c.effect for c in shown.causes if c.probability > 0.05}
+    # the record cooled once: time and temperature cannot be told apart
+    assert best & {"temperature", "thermal_lag"} and "turn_on_transient" in best
+
+
+def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
+    with np.load(real / "adis16405_run1.npz") as z:
+        y = z["accel_counts"][0][:10000] * float(z["accel_lsb"]) * 1e3    # mg
+    d = sensorid.diagnose(y, 0.01, sensorid.default_hypotheses(y, 0.01))
+    lines = [c.parameters["frequency"][0] for c in d.found if c.effect == "sinusoid"]
+    assert any(0.45 < f < 0.6 for f in lines), [c.effect for c in d.found]
+
+
+def test_published_noise_14_times_too_large_is_a_wrong_parameter(real):
+    with np.load(real / "imu_utils_allan_curves.npz") as z:
+        density = np.interp(1.0, z["BMI160_gyr_t"], z["BMI160_gyr_x"])
+        density *= np.pi / 180 / 3600    # rad/s per root Hz, read at 1 s
+        text = str(z["BMI160_yaml"]).split("x-axis")[1]
+    published = float(text.split("gyr_n:")[1].split()[0])
+    rate = 196.0
+    y = np.random.default_rng(0).standard_normal(4000) * density * rate**0.5
+    simulator = [sensorid.hypothesis("white_noise", sigma_v=published * rate**0.5)]
+    d = sensorid.diagnose(y, 1.0 / rate, simulator)
+    assert d.verdict == "wrong_parameter"
+    factor, sd = d.found[0].parameters["factor"]
+    assert factor == pytest.approx(density / published, rel=0.1)
+    assert "root of the rate" in sensorid._looks_like(factor, 0.1 * factor, 1.0 / rate)
