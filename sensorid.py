@@ -2219,7 +2219,6 @@ def extend(scene, h, effect):
     return h._replace(model=model, parameters=h.parameters + extra)
 
 
-
 # ---- simulation: a simulator with effects added to it
 
 class Added(NamedTuple):
@@ -3384,59 +3383,66 @@ def _factor(symbol, acc, wide):
 
 
 def estimate_signature(hypotheses, scene, signatures, search, samples, number):
-    """The most probable signature of a search, and its parameters with their sd."""
-    rows, weights = [], []
-    total = np.array([s.log_evidence[number] for s in samples])
-    for h, sample, part in zip(hypotheses, samples, probabilities(total)):
-        if part < 1e-3:
+    """The most probable signature of a search, and its parameters with their sd.
+
+    Moments over hypotheses, `RESAMPLED` nodes of each, psi and prior variances of the
+    size.
+    """
+    pieces, chosen, most = [], None, 0.0
+    shrink = SIZES / (1.0 + SIZES)
+    shares = probabilities([s.log_evidence[number] for s in samples])
+    for h, sample, share in zip(hypotheses, samples, shares):
+        if share < 1e-3:
             continue
         w = sample.log_weight + sample.log_likelihood[:, number]
-        w = np.exp(w - w.max())
-        keep = np.argsort(-w)[:24]
-        theta, w = sample.theta[keep], w[keep] / w[keep].sum()
+        w = np.cumsum(np.exp(w - w.max()))
+        at = np.searchsorted(w, w[-1] * (np.arange(RESAMPLED) + 0.5) / RESAMPLED)
+        theta = sample.theta[at]
         solved = solve(h, scene, signatures, theta)
         result = scan(h, scene, signatures, search, theta, solved)
         variant = search.variant or ("",) * len(result.psi)
-        fine = _refined(scene, search, result, w)
+        fine = _refined(scene, search, result)
         if fine is not None:
             result = _from_columns(fine.columns, fine.psi,
                                    _quadratic(h, scene, fine.columns, theta), solved)
             variant = fine.variant
-        each = _log_bayes(result.gain, result.k)    # (M, m, sizes)
-        joint = np.exp(each - each.max()) * w[:, None, None] * part
-        joint *= np.exp(total.max() - total.max())
-        shrink = SIZES / (1.0 + SIZES)
-        M, m, g = joint.shape
-        rows.append(np.column_stack([
-            np.broadcast_to(result.psi[None, :, None], (M, m, g)).ravel(),
-            (result.size[..., None] * shrink).ravel(),
-            (result.sd[..., None]**2 * shrink).ravel(),
-            np.broadcast_to(np.arange(m)[None, :, None], (M, m, g)).ravel()]))
-        weights.append((joint * (part / joint.sum())).ravel())
-        if part == max(probabilities(total)):
-            best = int(joint.sum((0, 2)).argmax())
-            chosen = result.psi[best], variant[best]
-    rows, w = np.vstack(rows), np.concatenate(weights)
-    w /= w.sum()
-    size = w @ rows[:, 1]
-    sd = np.sqrt(w @ (rows[:, 2] + (rows[:, 1] - size)**2))
+        near = np.flatnonzero(result.gain.max(0) > result.gain.max() - 60.0)
+        each = _log_bayes(result.gain[:, near], result.k)    # (M, m, sizes)
+        mass = np.exp(each - logsumexp(each, axis=(1, 2), keepdims=True))
+        mass *= share / RESAMPLED
+        mean = result.size[:, near, None] * shrink
+        pieces.append((mass, mean, result.sd[:, near, None]**2 * shrink,
+                       np.broadcast_to(result.psi[near][:, None], mass.shape)))
+        if mass.sum((0, 2)).max() > most:
+            most = mass.sum((0, 2)).max()
+            best = near[mass.sum((0, 2)).argmax()]
+            chosen = float(result.psi[best]), variant[best]
+
+    def expected(values):
+        return (sum((p[0] * v).sum() for p, v in zip(pieces, values))
+                / sum(p[0].sum() for p in pieces))
+    size = expected([p[1] for p in pieces])
+    sd = np.sqrt(expected([p[2] + (p[1] - size)**2 for p in pieces]))
     parameters = {search.effect.size: (float(size), float(sd))}
     for p in search.effect.parameters(scene):
-        mean = w @ rows[:, 0]
-        spread = np.sqrt(w @ (rows[:, 0] - mean)**2)
-        parameters = {p.symbol: (float(mean), float(spread)), **parameters}
+        psi = expected([p[3] for p in pieces])
+        spread = np.sqrt(expected([(p[3] - psi)**2 for p in pieces]))
+        parameters = {p.symbol: (float(psi), float(spread)), **parameters}
     x = scene.columns.get(search.column)
     columns = next(c for v, c in search.effect.build(scene, x, chosen[0])
                    if v == chosen[1])
-    return Signature(search.effect, search.column, chosen[1], float(chosen[0]),
-                     columns, 3.0 * float(np.hypot(size, sd))), parameters
+    return Signature(search.effect, search.column, chosen[1], chosen[0], columns,
+                     3.0 * float(np.hypot(size, sd))), parameters
 
 
-def _refined(scene, search, result, w):
+RESAMPLED = 24    # nodes of a posterior that its moments are taken from
+
+
+def _refined(scene, search, result):
     """The search again, finer where a coarse scan found mass; None for onsets."""
     if search.effect.build is _step or not search.effect.parameters(scene):
         return None
-    mass = w @ np.exp(0.5 * (result.gain - result.gain.max()))
+    mass = np.exp(0.5 * (result.gain - result.gain.max())).sum(0)
     near = np.flatnonzero(mass > 1e-4 * mass.max())
     low, high = result.psi[max(near[0] - 1, 0)], result.psi[
         min(near[-1] + 1, len(result.psi) - 1)]
@@ -3453,7 +3459,6 @@ def _refined(scene, search, result, w):
     return search._replace(psi=np.array([p[0] for p in parts]),
                            variant=tuple(p[1] for p in parts),
                            columns=np.array([p[2].T for p in parts]))
-
 
 
 # ---- where: statistics of the record, beside those of records of the fitted simulator
@@ -3676,8 +3681,8 @@ def distance(scene, acc, trials=None, seed=0):
     step = np.where(theta + step < [p.high for p in h.parameters], step, -step)
     shifted = theta + np.vstack([np.zeros(len(theta)), np.diag(step)[free]])
     own = without_readings(scene.y[None], acc.readings)
-    printed = lattice(scene.y) if all(r.effect != "quantization" for r in acc.readings
-                                      ) else 0.0
+    coarse = any(r.effect == "quantization" for r in readings(scene))
+    printed = 0.0 if coarse else lattice(scene.y)
 
     def drawn(theta, trials, seed, first=0):
         """Records of the simulator as they are read, and less what says nothing."""
