@@ -3470,6 +3470,7 @@ class Statistics(NamedTuple):
     place: tuple         # (S,) one of PLACES
     at: np.ndarray       # (S, 2) in the unit of the place
     column: tuple        # (S,) of a covariate, else ""
+    least: np.ndarray    # (S,) standard deviation that each has at least
 
 
 PLACES = "time", "frequency", "averaging_time", "lag", "amplitude", "covariate"
@@ -3525,8 +3526,8 @@ def statistics(z, y, scene, white):
     R, N = z.shape
     value, where = [], []
 
-    def put(place, low, high, column, statistic):
-        where.append((place, low, high, column))
+    def put(place, low, high, column, statistic, least=1e-3):
+        where.append((place, low, high, column, least))
         value.append(statistic)
     seen = ~np.isnan(z)
     z0 = np.where(seen, z, 0.0)
@@ -3584,14 +3585,14 @@ def statistics(z, y, scene, white):
     for low, high in ((-40.0, -3.0), (3.0, 40.0), (-40.0, -4.0), (4.0, 40.0)):
         inside = ((z0 >= low) & (z0 < high)).sum(1)
         expected = count * ndtr(-min(abs(low), abs(high)))
-        put("amplitude", low, high, "", _count_score(inside, expected))
+        # most counts are 0: their own spread would make a single one stand out
+        put("amplitude", low, high, "", _count_score(inside, expected), least=1.0)
     largest = np.abs(z0).max(1)
     put("amplitude", largest[0], 40.0, "",
         _largest_score(np.log(2.0) + log_ndtr(-largest), count))
     put("amplitude", -40.0, 40.0, "", (np.clip(z0, -5, 5)**3).sum(1) / np.sqrt(count))
     put("amplitude", -40.0, 40.0, "", np.abs(z0).sum(1) / np.sqrt(count))
-    repeats = (np.diff(y) == 0.0).mean(1) * 100.0
-    put("amplitude", 0.0, 0.0, "", repeats)
+    put("amplitude", 0.0, 0.0, "", (np.diff(y) == 0.0).sum(1).astype(float), least=1.0)
 
     spread = np.where(seen, z0**2 - 1.0, 0.0).clip(-1.0, 25.0)
     for name, x in scene.columns.items():
@@ -3602,7 +3603,7 @@ def statistics(z, y, scene, white):
                     _products(spread, f[None])[:, 0] / np.sqrt(count))
     return Statistics(np.column_stack(value), tuple(w[0] for w in where),
                       np.array([w[1:3] for w in where], float),
-                      tuple(w[3] for w in where))
+                      tuple(w[3] for w in where), np.array([w[4] for w in where]))
 
 
 class Gap(NamedTuple):
@@ -3723,8 +3724,8 @@ def distance(scene, acc, trials=None, seed=0):
         inverse = _inverse(s[1:])
         s[0] *= min(1.0, 3.0 / np.sqrt(max(s[0] @ inverse @ s[0], 1e-300)))
         T = T - s @ (inverse @ (s[1:].T @ (T[1:] - T[1:].mean(0))) / (trials - 1))
-    floor = 1e-3 + 1e-9 * np.abs(T[0])
-    d = (T - T[1:].mean(0)) / np.sqrt(T[1:].var(0, ddof=1) + floor**2)
+    sd = np.maximum(T[1:].std(0, ddof=1), stats.least + 1e-9 * np.abs(T[0]))
+    d = (T - T[1:].mean(0)) / sd
     d = np.clip(d, -1e3, 1e3)
     places = np.array(stats.place)
     p_place = {place: _tail(np.abs(d[:, places == place]).max(1))
