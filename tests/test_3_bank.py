@@ -179,3 +179,22 @@ def test_wrong_stops_and_ragged_gaps_are_refused():
     y[1, 3] = np.nan
     with pytest.raises(ValueError, match="missing in some records only"):
         s.filter_bank(bank, y, [5])
+
+
+def test_processes_abreast_equal_the_general_filter():
+    rng = np.random.default_rng(6)
+    y = rng.standard_normal((3, 300)).cumsum(1)
+    y[:, 40:55] = np.nan
+    h = s.hypothesis("two_markov", tau_m=(60.0, 1500.0), sigma_m=(0.5, 1.5),
+                            tau_n=(1.0, 60.0), sigma_n=(0.1, 1.0), sigma_v=(0.25, 1.0))
+    theta = np.column_stack([rng.uniform(p.low, p.high, 50) for p in h.parameters])
+    b = s.bank(h, 1.0, theta)
+    b = b._replace(r=b.r * rng.uniform(0.5, 2.0, 300))    # the noise may vary in time
+    assert s.is_modal(b)
+    # an observation that is not exactly 1 goes through the general filter
+    general = b._replace(H=b.H * np.array([1.0, 1.0 + 1e-15]))
+    assert not s.is_modal(general)
+    for one, two in zip(s.filter_bank(b, y, [100, 300]),
+                        s.filter_bank(general, y, [100, 300])):
+        for part, other in zip(one, two):
+            assert_allclose(part, other, rtol=1e-10)
