@@ -175,6 +175,12 @@ class Parameter(NamedTuple):
     def free(self):
         return self.low < self.high
 
+    def quantile(self, u):
+        """Value below which the prior has the probability u, 0..1."""
+        if self.free and self.log:
+            return self.low * (self.high / self.low)**u
+        return self.low + u * (self.high - self.low)
+
     @property
     def mean(self):
         """Prior mean, the denominator of Eq. (20)."""
@@ -349,9 +355,7 @@ def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
         number[row] = rng.integers(len(hypotheses))
         h = hypotheses[number[row]]
         for column, p in enumerate(h.parameters):
-            u = rng.random()
-            theta[row, column] = (p.low * (p.high / p.low)**u if p.log and p.free
-                                  else p.low + u * (p.high - p.low))
+            theta[row, column] = p.quantile(rng.random())
         bias = h.bias_sigma * rng.standard_normal()
         filt = _filter_at(h, dt, theta[row])
         n, noises = filt.Gamma.shape[1:]
@@ -2088,7 +2092,7 @@ def _noise_step(scene, h):
     return extended
 
 
-# ---- readings: build(scene, y, value) alters the values y in place
+# ---- readings: build(scene, y, value) alters the values y (..., N) in place
 
 def _quantize(scene, y, value):
     seen = scene.y[~np.isnan(scene.y)]
@@ -2103,7 +2107,7 @@ def _saturate(scene, y, value):
 def _stick(scene, y, value):
     for start, length in value["spans"]:
         first = round(start / scene.dt)
-        y[first:first + int(length)] = y[first:first + 1]
+        y[..., first:first + int(length)] = y[..., first:first + 1]
 
 
 def lattice(y):
@@ -2118,6 +2122,12 @@ def lattice(y):
         lsb = np.sum(step) / np.sum(np.round(step / lsb))
     off = np.abs(step / lsb - np.round(step / lsb))
     return float(lsb) if np.mean(off < 0.05) > 0.95 else 0.0
+
+
+def lattice_and_noise(y):
+    """`lattice` of a record, and the standard deviation of its noise without it."""
+    seen, lsb = y[~np.isnan(y)], lattice(y)
+    return lsb, np.sqrt(max(np.mean(np.diff(seen)**2) / 2.0 - lsb**2 / 12.0, 0.0))
 
 
 def _log(symbol, low, high):
@@ -2268,17 +2278,18 @@ def simulate_effects(hypotheses, effects, scene, trials=1, seed=0, first=0):
         h = extended[drawn.hypothesis[trial]]
         values = dict(zip((p.symbol for p in h.parameters), drawn.theta[trial]))
         _add_jumps(y, scene.dt, values, rng)
-        listed = effects[drawn.hypothesis[trial]]
-        for one in sorted(listed, key=lambda one: one.effect.kind,
-                          reverse=True):    # signatures, then readings
-            e = one.effect
-            value = {symbol: p.low + rng.random() * (p.high - p.low)
-                     if isinstance(p, Parameter) else p
-                     for symbol, p in one.parameters.items()}
-            if e.kind == "signature":
-                y += signature_of(scene, one, value)
-            elif e.kind == "reading":
-                e.build(scene, y, value)
+        for one in effects[drawn.hypothesis[trial]]:
+            if one.effect.kind == "signature":
+                y += signature_of(scene, one, {
+                    symbol: p.quantile(rng.random()) if isinstance(p, Parameter) else p
+                    for symbol, p in one.parameters.items()})
+    for number, added in enumerate(effects):
+        own = drawn.hypothesis == number
+        read = drawn.error[own]
+        for one in added:
+            if one.effect.kind == "reading":
+                one.effect.build(scene, read, one.parameters)
+        drawn.error[own] = read
     drawn.error[:, np.isnan(scene.y)] = np.nan
     return drawn
 
@@ -2582,9 +2593,7 @@ def _from_normal(x, parameters):
     axis = 0
     for column, p in enumerate(parameters):
         if p.free:
-            u = ndtr(x[:, axis])
-            theta[:, column] = (p.low * (p.high / p.low)**u if p.log
-                                else p.low + u * (p.high - p.low))
+            theta[:, column] = p.quantile(ndtr(x[:, axis]))
             axis += 1
         else:
             theta[:, column] = p.low
@@ -2663,9 +2672,12 @@ def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
         parts.append((POINTS, lambda x, m=mean, c=chol: logsumexp(
             [_log_t(x, one, c) for one in m], axis=0) - np.log(len(m))))
     ll = log_likelihood(_from_normal(x, parameters))
-    for _ in range(ROUNDS):
+
+    def log_weights():
         log_q = logsumexp([np.log(n) + density(x) for n, density in parts], axis=0)
-        log_w = -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI - log_q
+        return -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI - log_q
+    for _ in range(ROUNDS):
+        log_w = log_weights()
         total = logsumexp(ll, axis=1)
 
         def tempered(beta):
@@ -2685,8 +2697,7 @@ def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
         new = propose(mean, 1.2 * np.atleast_2d(np.cov(x.T, aweights=w, ddof=0)))
         x = np.vstack([x, new])
         ll = np.vstack([ll, log_likelihood(_from_normal(new, parameters))])
-    log_q = logsumexp([np.log(n) + density(x) for n, density in parts], axis=0)
-    log_w = -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI - log_q
+    log_w = log_weights()
     return Sample(_from_normal(x, parameters), log_w, ll,
                   logsumexp(ll + log_w[:, None], axis=0))
 
@@ -2964,7 +2975,7 @@ def searches(scene, effects, signatures=()):
             columns = {name: x for name, x in scene.columns.items()
                        if (name == e.column or e.column == "*" and name not in own)
                        and np.std(x) > 0.0}
-        for name, x in columns.items():
+        for name in columns:
             if (e.name, name) in found and e.build not in (_step, _sinusoid):
                 continue
             if e.build in (_step, _sinusoid):
@@ -2973,12 +2984,16 @@ def searches(scene, effects, signatures=()):
             psi = [np.nan]
             for p in e.parameters(scene):
                 psi = np.geomspace(p.low, p.high, STEPS)
-            parts = [(value, *part) for value in psi
-                     for part in e.build(scene, x, value)]
-            result.append(Search(e, name, np.array([p[0] for p in parts]),
-                                 tuple(p[1] for p in parts),
-                                 np.array([p[2].T for p in parts])))
+            result.append(_search(scene, e, name, psi))
     return result
+
+
+def _search(scene, effect, column, psi):
+    """`Search` of explicit signatures at the given psi."""
+    x = scene.columns.get(column)
+    parts = [(value, *part) for value in psi for part in effect.build(scene, x, value)]
+    return Search(effect, column, np.array([p[0] for p in parts]),
+                  tuple(p[1] for p in parts), np.array([p[2].T for p in parts]))
 
 
 def scan(h, scene, signatures, search, theta, solved):
@@ -3046,8 +3061,7 @@ def readings(scene):
     """Quantization, saturation and stuck samples of a record, as a tuple of Reading."""
     y, N, found = scene.y, len(scene.y), []
     seen = y[~np.isnan(y)]
-    lsb = lattice(y)
-    noise = np.sqrt(max(np.mean(np.diff(seen)**2) / 2.0 - lsb**2 / 12.0, 0.0))
+    lsb, noise = lattice_and_noise(y)
     # saturation: the last value is met far more often than a tail allows
     clipped, limits = np.zeros(N, bool), []
     for sign in (-1.0, 1.0):
@@ -3113,16 +3127,13 @@ class Account(NamedTuple):
     readings: tuple      # of Reading
     samples: tuple       # of Sample, one of every hypothesis
     log_evidence: float
+    best: int            # number of the most probable hypothesis
+    theta: np.ndarray    # (p,) parameters that stand for its posterior
 
     @property
-    def best(self):
-        """Number of the most probable hypothesis."""
-        return int(np.argmax([s.log_evidence[0] for s in self.samples]))
-
-    @property
-    def theta(self):
-        """Posterior mean of the parameters of that hypothesis."""
-        return self.samples[self.best].weight @ self.samples[self.best].theta
+    def peak(self):
+        """Largest log-likelihood that any hypothesis reaches."""
+        return max(s.log_likelihood.max() for s in self.samples)
 
 
 def account(scene, bases, hypotheses=None, signatures=(), found=(), past=None):
@@ -3131,12 +3142,26 @@ def account(scene, bases, hypotheses=None, signatures=(), found=(), past=None):
     `past` is an account of hypotheses with fewer parameters, if there is one.
     """
     hypotheses = bases if hypotheses is None else hypotheses
-    samples = tuple(integrate(
-        lambda theta, h=h: _log_likelihoods(h, scene, signatures, theta)[:, None],
-        h.parameters, _guess(past, number), _starts(h, scene))
-        for number, h in enumerate(hypotheses))
+
+    def likelihood_of(h):
+        return lambda theta: _log_likelihoods(h, scene, signatures, theta)[:, None]
+    samples = tuple(integrate(likelihood_of(h), h.parameters, _guess(past, number),
+                              _starts(h, scene)) for number, h in enumerate(hypotheses))
+    evidence = [s.log_evidence[0] for s in samples]
+    best = int(np.argmax(evidence))
     return Account(tuple(bases), tuple(hypotheses), tuple(signatures), tuple(found),
-                   samples, _mean_evidence([s.log_evidence[0] for s in samples]))
+                   samples, _mean_evidence(evidence), best,
+                   _central(samples[best], likelihood_of(hypotheses[best])))
+
+
+def _central(sample, log_likelihood):
+    """Posterior mean, or the most likely node where the posterior is bent around it:
+    there the mean is less likely than a node is on average.
+    """
+    mean, ll = sample.weight @ sample.theta, sample.log_likelihood[:, 0]
+    if log_likelihood(mean[None])[0, 0] >= sample.weight @ ll:
+        return mean
+    return sample.theta[ll.argmax()]
 
 
 def _guess(acc, number):
@@ -3243,6 +3268,16 @@ def look(scene, acc, effects, noises=True):
                for number, h in enumerate(hypotheses)]
     table = np.array([s.log_evidence for s in samples])
     log_bayes, accounts, parameters = {}, {}, {}
+
+    def enter(name, new, old, values):
+        """A richer account: where in its ranges the base lies is no evidence against
+        it, so ln B is no more than the likelihood ratio less Akaike's correction.
+        """
+        more = max(sum(p.free for p in h.parameters) - sum(p.free for p in o.parameters)
+                   for h, o in zip(new.hypotheses, old.hypotheses))
+        log_bayes[name] = min(new.log_evidence - old.log_evidence,
+                              new.peak - old.peak - max(more, 1))
+        accounts[name], parameters[name] = new, values
     base = _mean_evidence(table[:, 0])
     for number, t in enumerate(tries):
         log_bayes[t.effect.name, t.column] = (
@@ -3252,15 +3287,10 @@ def look(scene, acc, effects, noises=True):
         if e.kind in ("process", "jumps") and _fits(e, acc, scene):
             new = account(at, acc.bases, [extend(at, h, e) for h in start.hypotheses],
                           acc.signatures, acc.readings, start)
-            log_bayes[e.name, ""] = new.log_evidence - start.log_evidence
-            accounts[e.name, ""] = new
-            parameters[e.name, ""] = _account_parameters(e.name, new)
+            enter((e.name, ""), new, start, _account_parameters(e.name, new))
         elif e.kind == "parameter":
             for p, new, factor in wrong_parameters(scene, acc):
-                name = e.name, p
-                log_bayes[name] = new.log_evidence - acc.log_evidence
-                accounts[name] = new
-                parameters[name] = dict(parameter=(p, 0.0), factor=factor)
+                enter((e.name, p), new, acc, dict(parameter=(p, 0.0), factor=factor))
     names = list(log_bayes)
     first = not (acc.signatures or acc.readings or acc.hypotheses[0].parameters
                  != acc.bases[0].parameters)
@@ -3453,12 +3483,7 @@ def _refined(scene, search, result):
         psi = np.linspace(low, high, 81)
     else:
         psi = np.geomspace(low, high, 40)
-    x = scene.columns.get(search.column)
-    parts = [(value, *part) for value in psi
-             for part in search.effect.build(scene, x, value)]
-    return search._replace(psi=np.array([p[0] for p in parts]),
-                           variant=tuple(p[1] for p in parts),
-                           columns=np.array([p[2].T for p in parts]))
+    return _search(scene, search.effect, search.column, psi)
 
 
 # ---- where: statistics of the record, beside those of records of the fitted simulator
@@ -3680,44 +3705,55 @@ def distance(scene, acc, trials=None, seed=0):
     free = [c for c, p in enumerate(h.parameters) if p.free]
     step = 0.5 * np.sqrt(sample.weight @ (sample.theta - theta)**2)
     step = np.where(theta + step < [p.high for p in h.parameters], step, -step)
-    shifted = theta + np.vstack([np.zeros(len(theta)), np.diag(step)[free]])
+    shifted = theta + np.diag(step)[free]
     own = without_readings(scene.y[None], acc.readings)
-    coarse = any(r.effect == "quantization" for r in readings(scene))
-    printed = 0.0 if coarse else lattice(scene.y)
+    lsb, noise = lattice_and_noise(scene.y)
+    printed = lsb if lsb <= COARSE * noise else 0.0
 
-    def drawn(theta, trials, seed, first=0):
+    def simulator(theta):
+        return as_simulated(acc, scene._replace(y=own[0]), theta)
+
+    def drawn(simulator, trials, seed, first=0):
         """Records of the simulator as they are read, and less what says nothing."""
-        fixed, added = as_simulated(acc, scene._replace(y=own[0]), theta)
+        fixed, added = simulator
         read = simulate_effects([fixed], [added], scene, trials, seed, first).error
         if printed:    # to so many digits, finer than would be an effect
             _quantize(scene, read, dict(lsb=printed))
         return read, without_readings(read, acc.readings)
 
-    def scores(masked):
-        total = predict(h, masked, scene.dt, acc.signatures, shifted,
-                        samples=False).log_likelihood
-        return total[:, 1:] - total[:, :1]
+    def predicted_at(theta, masked, samples=True):
+        return predict(h, masked, scene.dt, acc.signatures, theta, samples)
+
+    def scores(masked, middle=None):
+        """Gains of a step in every parameter; `middle` is the filter at theta."""
+        if not free:
+            return np.zeros((len(masked), 0))
+        middle = middle or predicted_at(theta[None], masked, samples=False)
+        ahead = predicted_at(shifted, masked, samples=False)
+        return ahead.log_likelihood - middle.log_likelihood
     truth = theta.copy()
     if free and acc.readings:
         # the fit ignores what rounding and clipping do beyond a further white noise:
         # simulate at the parameters whose records give this fit (indirect inference;
         # C. Gourieroux, A. Monfort, E. Renault, J. Appl. Econometrics 8, 1993)
         for attempt in range(4):
-            s = scores(np.vstack([own, drawn(truth, 48, seed + 100 + attempt)[1]]))
+            masked = drawn(simulator(truth), 48, seed + 100 + attempt)[1]
+            s = scores(np.vstack([own, masked]))
             move = np.clip(_inverse(s[1:]) @ (s[0] - s[1:].mean(0)), -4.0, 4.0)
             truth[free] = np.clip(truth[free] + move * step[free],
                                   0.5 * truth[free], 2.0 * truth[free])
     white = _whitened_probes(acc, scene, own[0])
-    predicted = predict(h, own, scene.dt, acc.signatures, theta[None])
+    predicted = predicted_at(theta[None], own)
     z = predicted.z[:, 0]
     stats = statistics(z, scene.y[None], scene, white)
-    T, s = [stats.value], [scores(own)]
+    T, s = [stats.value], [scores(own, predicted)]
+    fixed = simulator(truth)
     block = int(np.clip(BLOCK // len(scene.y), 1, trials))
     for first in range(0, trials, block):
-        read, masked = drawn(truth, min(block, trials - first), seed, first)
-        part = predict(h, masked, scene.dt, acc.signatures, theta[None]).z[:, 0]
-        T.append(statistics(part, read, scene, white).value)
-        s.append(scores(masked))
+        read, masked = drawn(fixed, min(block, trials - first), seed, first)
+        part = predicted_at(theta[None], masked)
+        T.append(statistics(part.z[:, 0], read, scene, white).value)
+        s.append(scores(masked, part))
     T, s = np.vstack(T), np.vstack(s)
     if free:
         s -= s[1:].mean(0)
@@ -3927,6 +3963,11 @@ def check_scene(y, dt, columns):
         raise ValueError(f"the record has {len(seen)} samples, "
                          f"{len(np.unique(seen))} different ones: at least {SHORTEST} "
                          "finite ones that are not all the same are needed")
+    check_columns(y, columns)
+
+
+def check_columns(y, columns):
+    """Refuse columns that do not go with a record."""
     for name, x in columns.items():
         if x.shape != y.shape or not np.isfinite(x).all():
             raise ValueError(f"column {name} has shape {x.shape} and "
@@ -4877,7 +4918,7 @@ def _simulate_command(options):
         options.record = options.like
         like = _read(options, model, beside=needed)
         scene = Scene(like.error, model.dt, like.columns)
-        check_scene(*scene)
+        check_columns(like.error, like.columns)
     trials = simulate_effects(model.hypotheses,
                               model.effects or ((),) * len(model.hypotheses), scene,
                               options.records, options.seed)
@@ -4985,13 +5026,13 @@ def _finite(x):
     return float(x) if np.isfinite(x) else None
 
 
-def _outstanding(gap_before, gap_after):
+def _outstanding(gap):
     """Of every place the statistic that stands out most, largest first."""
-    places = np.array(gap_before.statistics.place)
+    places = np.array(gap.statistics.place)
     best = [int(np.flatnonzero(places == place)[
-        np.abs(gap_before.distance[places == place]).argmax()])
-        for place in gap_before.p_place]
-    return sorted(best, key=lambda i: -abs(gap_before.distance[i]))
+        np.abs(gap.distance[places == place]).argmax()])
+        for place in gap.p_place]
+    return sorted(best, key=lambda i: -abs(gap.distance[i]))
 
 
 def report(d, record):
@@ -5010,7 +5051,7 @@ def report(d, record):
                     after=abs(float(d.after.distance[i])),
                     p_value=d.before.p_place[s.place[i]],
                     residual_p_value=d.after.p_place[s.place[i]])
-               for i in _outstanding(d.before, d.after)],
+               for i in _outstanding(d.before)],
         causes=[dict(effect=c.effect, column=c.column or None,
                      probability=c.probability, log_bayes_factor=c.log_bayes,
                      parameters={k: dict(mean=_finite(v[0]), sd=_finite(v[1]))
@@ -5033,11 +5074,11 @@ def _looks_like(factor, sd, dt):
         for v in (value, 1.0 / value):
             if abs(factor - v) < max(3.0 * sd, 0.03 * v) and sd < 0.2 * v \
                     and abs(np.log(v)) > 0.2:
-                return f"; about {v:.4g}: {text}"
+                return f"about {v:.4g}: {text}"
     return ""
 
 
-def _words(c, unit, dt):
+def _words(c, dt):
     """Parameters of a cause as text."""
     parts = []
     for name, (mean, sd) in c.parameters.items():
@@ -5049,7 +5090,7 @@ def _words(c, unit, dt):
         else:
             parts.append(f"{name} {mean:.4g}" + (f" +- {sd:.2g}" if sd else ""))
     if c.effect == "wrong_parameter" and "factor" in c.parameters:
-        parts.append(_looks_like(*c.parameters["factor"], dt).lstrip("; "))
+        parts.append(_looks_like(*c.parameters["factor"], dt))
     return ", ".join(filter(None, parts))
 
 
@@ -5071,11 +5112,11 @@ def _table(d, record, unit):
         column = f" ({c.column})" if c.column and c.column not in c.effect else ""
         log_bayes = f"{c.log_bayes:.1f}" if c.parameters else ""
         lines.append(f"{c.effect + column:<28}{c.probability:>11.3f}{log_bayes:>8}  "
-                     + _words(c, unit, record.dt))
+                     + _words(c, record.dt))
     lines.append(f"{'where':<16}{'at':<24}{'before':>8}{'after':>8}{'p':>10}"
                  "   standard deviations")
     s = d.before.statistics
-    for i in _outstanding(d.before, d.after):
+    for i in _outstanding(d.before):
         low, high = s.at[i]
         at = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
         at += f" {s.column[i] or UNITS[s.place[i]]}"
@@ -5098,7 +5139,7 @@ def _table(d, record, unit):
         lines.append(f"a record of about {d.needed_duration:.3g} s would tell the "
                      "first two apart")
     if d.verdict == "unknown":
-        i = _outstanding(d.after, d.after)[0]
+        i = _outstanding(d.after)[0]
         lines.append("what is left fits no effect of the catalogue: look at "
                      f"{s.place[i].replace('_', ' ')} {s.at[i][0]:.4g} to "
                      f"{s.at[i][1]:.4g} {s.column[i] or UNITS[s.place[i]]}")
@@ -5139,7 +5180,7 @@ def _draw_diagnosis(plt, d, record, unit):
                xscale="log", yscale="log")
     middle.legend(frameon=False)
 
-    i = _outstanding(d.before, d.after)[0]
+    i = _outstanding(d.before)[0]
     place, column = d.before.statistics.place[i], d.before.statistics.column[i]
     for z, colour, label in ((d.before.z, "tab:red", "before"),
                              (d.after.z, "tab:blue", "after")):

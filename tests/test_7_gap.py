@@ -366,6 +366,23 @@ def test_nothing_is_said_where_nothing_is():
     assert sum(v not in ("none", "undecided") for v in said) <= 1, said
 
 
+def test_where_in_its_ranges_the_simulator_lies_is_no_effect():
+    corner = [sensorid.hypothesis("markov", tau_m=60.0, sigma_m=1.5, sigma_v=1.0)]
+    for y in sensorid.simulate(corner, DT, generator.N, 5, seed=43).error:
+        said = sensorid.diagnose(y, DT, MODEL).verdict
+        assert said in ("none", "undecided"), said
+
+
+def test_where_a_posterior_is_bent_a_node_stands_for_it():
+    def on_a_ring(theta):
+        r = np.hypot(theta[:, 0] - 0.5, theta[:, 1] - 0.5)
+        return -0.5 * ((r - 0.4) / 0.01)[:, None]**2
+    p = tuple(sensorid.Parameter(s, 0.0, 1.0) for s in "ab")
+    sample = sensorid.integrate(on_a_ring, p)
+    a, b = sensorid._central(sample, on_a_ring)
+    assert abs(np.hypot(a - 0.5, b - 0.5) - 0.4) < 0.02
+
+
 @pytest.mark.parametrize("effect", ["skewed_noise", "garch", "chirp"])
 def test_an_effect_outside_the_catalogue_is_unknown(effect):
     assert diagnosed(generator.record(300, 1, [effect], level=4)).verdict in (
