@@ -28,8 +28,10 @@ The file reads in the order of the paper; a section calls only sections above it
 
 import argparse
 import csv
+import functools
 import hashlib
 import inspect
+import itertools
 import json
 import math
 import os
@@ -45,8 +47,9 @@ if __name__ == "__main__":    # only parses the command line, and quickly
     prange, njit = range, lambda **options: lambda kernel: kernel
 else:
     from numba import njit, prange
+    from scipy.optimize import isotonic_regression, least_squares, minimize
     from scipy.signal import lfilter
-    from scipy.special import (gammainc, log_ndtr, logsumexp, ndtr, ndtri,
+    from scipy.special import (gammainc, gammaincinv, log_ndtr, logsumexp, ndtr, ndtri,
                                ndtri_exp)
 
 __version__ = "0.1.0"
@@ -1585,6 +1588,20 @@ class Criteria(NamedTuple):
     nodes: tuple                 # nodes of the grid of each hypothesis
     nodes_per_sd: tuple          # (d,) for each: what nine of ten trials exceed
                                  # at the end
+    rivals: dict                 # name of another algorithm -> Rival
+
+
+class Rival(NamedTuple):
+    """Another algorithm on the same trials, with Monte-Carlo standard errors (se)."""
+
+    error_probability: np.ndarray    # (T,) Eq. (15)
+    error_se: np.ndarray
+    excess: np.ndarray               # (T,) over that of the Bayesian algorithm, paired
+    excess_se: np.ndarray
+    rsd: tuple                       # (T,) for each label, Eqs. (17), (20)
+    rsd_se: tuple
+    efficiency: tuple                # (T,) for each label: the Bayesian variance over
+    efficiency_se: tuple             # that of the rival, paired
 
 
 def criteria_times(samples):
@@ -1622,9 +1639,11 @@ class _Chunk(NamedTuple):
     variance: np.ndarray        # (L, T, P)
     hypothesis: np.ndarray      # (L,)
     truth: np.ndarray           # (L, P), NaN for the parameters of other hypotheses
+    choice: np.ndarray          # (L, T, A) of the other algorithms
+    guess: np.ndarray           # (L, T, A, P)
 
 
-def _run_chunk(truths, grids, dt, stops, seed, first, last):
+def _run_chunk(truths, grids, algorithms, dt, stops, seed, first, last):
     """Simulate from `truths` and filter through `grids`;
     a pure function of its arguments.
     """
@@ -1639,9 +1658,15 @@ def _run_chunk(truths, grids, dt, stops, seed, first, last):
         variance.append(np.diagonal(covariances, axis1=2, axis2=3))
         truth.append(np.where((trials.hypothesis == k)[:, None],
                               trials.theta[:, :p], np.nan))
+    hypotheses, truth = tuple(g.hypothesis for g in grids), np.concatenate(truth, 1)
+    shape = len(truth), len(stops), len(algorithms)
+    choice, guess = np.zeros(shape, int), np.zeros((*shape, truth.shape[1]))
+    for l, t, a in np.ndindex(shape):
+        y = trials.error[l, :stops[t]]
+        choice[l, t, a], estimates = algorithms[a](y, dt, hypotheses)
+        guess[l, t, a] = np.concatenate(estimates)
     return _Chunk(np.stack(log_evidence, 2), np.concatenate(mean, 2),
-                  np.concatenate(variance, 2), trials.hypothesis,
-                  np.concatenate(truth, 1))
+                  np.concatenate(variance, 2), trials.hypothesis, truth, choice, guess)
 
 
 def _kept_chunk(folder, *arguments):
@@ -1649,7 +1674,8 @@ def _kept_chunk(folder, *arguments):
     if folder is None:
         return _run_chunk(*arguments)
     digest = hashlib.sha256(__version__.encode())
-    for part in (*arguments[0], *(h for g in arguments[1] for h in g), *arguments[2:]):
+    truths, grids, algorithms, *numbers = arguments
+    for part in (*truths, *(part for g in grids for part in g), *algorithms, *numbers):
         digest.update(part.tobytes() if isinstance(part, np.ndarray)
                       else _describe(part))
     file = pathlib.Path(folder) / f"{digest.hexdigest()[:32]}.npz"
@@ -1667,11 +1693,10 @@ def _kept_chunk(folder, *arguments):
 def _describe(part):
     """Bytes that tell one argument of a chunk from another."""
     if isinstance(part, Hypothesis):
-        code = getattr(part.model, "__code__", None)
-        return repr((part.name, part.model.__qualname__, code and code.co_code,
-                     code and code.co_consts, part.parameters,
-                     part.bias_sigma)).encode()
-    return repr(part).encode()
+        return _describe(part.model) + repr((part.name, *part[2:])).encode()
+    code = getattr(part, "__code__", None)
+    return repr((part.__qualname__, code.co_code, code.co_consts) if code
+                else part).encode()
 
 
 def _write(file, put):
@@ -1691,7 +1716,8 @@ def _write(file, put):
 
 
 def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths=None,
-             grids=None, executor=None, checkpoint=None, progress=None):
+             grids=None, algorithms=None, executor=None, checkpoint=None,
+             progress=None):
     """Performance criteria by statistical trials, Eqs. (15)-(20).
 
     Parameters
@@ -1708,6 +1734,10 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
         What the trials are drawn from, where the algorithm shall be wrong about it.
     grids : sequence of Grid, optional
         One per hypothesis; by default grids that resolve the posterior.
+    algorithms : dict of functions, optional
+        Other algorithms to put through the same trials, see ALGORITHMS. Each is called
+        with a record (N,), dt and the hypotheses, and returns the number of the one
+        that it chooses and its estimates, an array (p,) for each hypothesis.
     executor : concurrent.futures.Executor, optional
         Runs chunks of trials elsewhere: a pool of processes (spawned, as forked threads
         of Numba do not survive), `dask.distributed.Client.get_executor()`,
@@ -1736,6 +1766,29 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     >>> float(criteria(h, 1.0, 50.0, trials=32).error_probability.real[-1])
     0.0
     """
+    algorithms = algorithms or {}
+    samples = _check_trials(hypotheses, dt, duration, trials)
+    stops = (criteria_times(samples) if times is None
+             else np.unique(np.round(np.asarray(times) / dt).astype(int)))
+    if algorithms and times is None:
+        stops = np.unique(np.round(np.geomspace(min(max(samples / 32, SHORT), samples),
+                                                samples, 6)).astype(int))
+    if algorithms and stops[0] < SHORT:
+        raise ValueError(f"the first time has {stops[0]} samples: "
+                         f"algorithms are compared from {SHORT} samples on")
+    if not 1 <= stops[0] <= stops[-1] <= samples:
+        raise ValueError(f"times {stops[0] * dt:g} to {stops[-1] * dt:g} s "
+                         f"do not lie within {dt:g} to {duration:g} s")
+    reached = tuple(np.full(g.coordinate.shape[1], np.nan) for g in grids or ())
+    if grids is None:
+        grids, reached = zip(*(criteria_grid(h, dt, samples, seed) for h in hypotheses))
+    chunk = _run_trials(truths or hypotheses, grids, algorithms, dt, stops, trials,
+                        seed, executor, checkpoint, progress)
+    return _criteria(hypotheses, grids, reached, dt * stops, algorithms, chunk)
+
+
+def _check_trials(hypotheses, dt, duration, trials):
+    """Number of samples of a trial, if all numbers make sense."""
     if not (np.isfinite(dt) and dt > 0 and np.isfinite(duration) and duration >= dt):
         raise ValueError(f"dt = {dt:g} s, duration = {duration:g} s: "
                          "0 < dt <= duration is needed")
@@ -1745,19 +1798,16 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     if not duration / dt < 2**31:
         raise ValueError(f"{duration:g} s at {dt:g} s are {duration / dt:.3g} samples: "
                          "record less, or sample more slowly")
-    samples = int(round(duration / dt))
-    stops = (criteria_times(samples) if times is None
-             else np.unique(np.round(np.asarray(times) / dt).astype(int)))
-    if not 1 <= stops[0] <= stops[-1] <= samples:
-        raise ValueError(f"times {stops[0] * dt:g} to {stops[-1] * dt:g} s "
-                         f"do not lie within {dt:g} to {duration:g} s")
-    reached = tuple(np.full(g.coordinate.shape[1], np.nan) for g in grids or ())
-    if grids is None:
-        grids, reached = zip(*(criteria_grid(h, dt, samples, seed) for h in hypotheses))
-    size = CHUNK if samples <= LONG else LANES
+    return int(round(duration / dt))
+
+
+def _run_trials(truths, grids, algorithms, dt, stops, trials, seed, executor=None,
+                checkpoint=None, progress=None):
+    """All trials as one `_Chunk`."""
+    size = CHUNK if stops[-1] <= LONG and not algorithms else LANES
     firsts = range(0, trials, size)
-    calls = [(checkpoint, truths or tuple(hypotheses), tuple(grids), dt, stops, seed,
-              first, min(first + size, trials)) for first in firsts]
+    calls = [(checkpoint, tuple(truths), tuple(grids), tuple(algorithms.values()), dt,
+              stops, seed, first, min(first + size, trials)) for first in firsts]
     waiting = [executor and executor.submit(_kept_chunk, *call) for call in calls]
     chunks = []
     for call, future in zip(calls, waiting):
@@ -1767,29 +1817,53 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
             chunks.append(_kept_chunk(*call))
         if progress:
             progress(min(len(chunks) * size, trials), trials)
-    joined = _Chunk(*(np.concatenate(part) for part in zip(*chunks)))
-    return _criteria(hypotheses, grids, reached, dt * stops, joined)
+    return _Chunk(*(np.concatenate(part) for part in zip(*chunks)))
 
 
-def _criteria(hypotheses, grids, reached, time, chunk):
+SHORT = 32    # samples; slopes of an Allan deviation need as many
+
+
+def _criteria(hypotheses, grids, reached, time, algorithms, chunk):
     """Eqs. (15)-(20) from the trials."""
     probability = probabilities(chunk.log_evidence)
-    best = probability.argmax(-1)
-    error = _curve((best != chunk.hypothesis[:, None]).astype(float),
-                   1.0 - probability.max(-1))
-    labels, rsd, column = [], [], 0
-    for h in hypotheses:
-        for p in h.parameters:
-            if p.free:
-                own = ~np.isnan(chunk.truth[:, column])
-                square = (chunk.truth[own, column, None]
-                          - chunk.mean[own, :, column])**2
-                labels.append(f"{h.name}.{p.symbol}")
-                rsd.append(_relative(_curve(square, chunk.variance[own, :, column]),
-                                     own.sum(), abs(p.mean)))
-            column += 1
-    return Criteria(time, len(best), error, tuple(labels), tuple(rsd),
-                    tuple(len(g.theta) for g in grids), reached)
+    wrong = (probability.argmax(-1) != chunk.hypothesis[:, None]).astype(float)
+    error = _curve(wrong, 1.0 - probability.max(-1))
+    labels, rsd, squares = [], [], []
+    free = [(h, p) for h in hypotheses for p in h.parameters]
+    for column, (h, p) in enumerate(free):
+        if p.free:
+            own = ~np.isnan(chunk.truth[:, column])
+            truth = chunk.truth[own, column, None]
+            square = (truth - chunk.mean[own, :, column])**2
+            labels.append(f"{h.name}.{p.symbol}")
+            rsd.append(_relative(_curve(square, chunk.variance[own, :, column]),
+                                 own.sum(), abs(p.mean)))
+            squares.append((abs(p.mean), square, (truth[..., None]
+                            - chunk.guess[own, :, :, column])**2))
+    missed = chunk.choice != chunk.hypothesis[:, None, None]
+    rivals = {name: _rival(wrong, missed[:, :, number],
+                           [(mean, ours, theirs[:, :, number])
+                            for mean, ours, theirs in squares])
+              for number, name in enumerate(algorithms)}
+    return Criteria(time, len(wrong), error, tuple(labels), tuple(rsd),
+                    tuple(len(g.theta) for g in grids), reached, rivals)
+
+
+def _rival(wrong, rival_wrong, squares):
+    """`Rival` from its errors (L, T) and squared errors beside those of the bank."""
+    def se(x):
+        return x.std(0, ddof=1) / np.sqrt(len(x))
+    excess = rival_wrong - wrong
+    rsd, rsd_se, efficiency, efficiency_se = [], [], [], []
+    for mean, ours, theirs in squares:
+        n, variance = len(ours), theirs.mean(0)
+        ratio = ours.mean(0) / variance
+        rsd.append(np.sqrt(variance * n / (n - 1)) / mean)
+        rsd_se.append(se(theirs) / (2.0 * np.sqrt(variance) * mean))
+        efficiency.append(ratio)
+        efficiency_se.append(se(ours - ratio * theirs) / variance)
+    return Rival(rival_wrong.mean(0), se(rival_wrong), excess.mean(0), se(excess),
+                 tuple(rsd), tuple(rsd_se), tuple(efficiency), tuple(efficiency_se))
 
 
 def _curve(real, calculated):
@@ -1813,7 +1887,173 @@ def _relative(variance, trials, mean):
                      variance.calculated_se / (2.0 * calculated * mean), variance.z)
 
 
-# ---- 6. Allan variance ------------------------ the classical estimate we compare with
+# ---- how long must be recorded
+
+class Needed(NamedTuple):
+    """The shortest record that meets a target."""
+
+    label: str         # "error_probability" or a label of an RSD
+    target: float
+    duration: float    # s; NaN where the limit does not suffice
+    interval: tuple    # (2,) s, 95 %, infinite where it leaves the limit
+    reached: float     # at the limit
+    reason: str        # what limits, where the limit does not suffice
+
+
+def record_length(hypotheses, dt, limit, error=None, rsd=None, trials=4000, seed=0, *,
+                  executor=None, checkpoint=None, progress=None):
+    """How long must be recorded to reach an error probability or an RSD.
+
+    Parameters
+    ----------
+    hypotheses, dt, seed, executor, checkpoint, progress
+        As for `criteria`.
+    limit : float
+        Longest record in question, s.
+    error : float in 0..1, optional
+        Target of the error probability, Eq. (15).
+    rsd : dict, optional
+        Targets of relative standard deviations, Eq. (20): by label, such as
+        markov.tau_m, or by parameter for all hypotheses that have it.
+    trials : int
+        The intervals narrow with their root.
+
+    Returns
+    -------
+    list of Needed
+
+    Raises
+    ------
+    ValueError
+        If a target is out of range or of no free parameter.
+
+    Notes
+    -----
+    The calculated criteria, Eqs. (18) and (19), have the expectation of the real ones
+    where the filter bank has the right model, and a smaller variance. Their means over
+    the trials, made monotone, are interpolated; intervals come from 200 resamples of
+    the trials. Short records are tried first.
+    """
+    targets = _targets(hypotheses, error, rsd or {})
+    samples = _check_trials(hypotheses, dt, limit, trials)
+    for stage in (64, 8, 1):
+        if samples // stage < 256 and stage > 1:
+            continue
+        stops = np.unique(np.round(np.geomspace(1, samples // stage, 49)).astype(int))
+        grids = [criteria_grid(h, dt, stops[-1], seed)[0] for h in hypotheses]
+        chunk = _run_trials(hypotheses, grids, {}, dt, stops, trials, seed, executor,
+                            checkpoint, progress)
+        result = [_needed(hypotheses, dt * stops, chunk, *one, seed) for one in targets]
+        if all(np.isfinite(n.interval[1]) for n in result):
+            break
+    return result
+
+
+def _targets(hypotheses, error, rsd):
+    """(label, target, column) of every target; column None is the error."""
+    if error is None and not rsd:
+        raise ValueError("no target is given: a target of the error probability "
+                         "or of an RSD is needed")
+    if error is not None and (len(hypotheses) < 2 or not 0.0 < error < 1.0):
+        raise ValueError(f"error probability {error:g} of {len(hypotheses)} hypotheses:"
+                         " 0 < target < 1 and two of them are needed")
+    result = [] if error is None else [("error_probability", float(error), None)]
+    listed = [(f"{h.name}.{p.symbol}", p) for h in hypotheses for p in h.parameters]
+    for name, target in rsd.items():
+        own = [(label, float(target), column) for column, (label, p) in
+               enumerate(listed) if p.free and name in (label, p.symbol)]
+        if not own or not target > 0.0:
+            raise ValueError(f"RSD {target:g} of {name}: a target > 0 is needed, of "
+                             + ", ".join(label for label, p in listed if p.free))
+        result += own
+    return result
+
+
+def _needed(hypotheses, time, chunk, label, target, column, seed):
+    """`Needed` from trials, all of which show how a criterion falls with time."""
+    if column is None:
+        value, level = 1.0 - probabilities(chunk.log_evidence).max(-1), target
+    else:
+        mean = [p.mean for h in hypotheses for p in h.parameters][column]
+        own = ~np.isnan(chunk.truth[:, column])
+        value, level = chunk.variance[own, :, column], (target * mean)**2
+
+    def crossing(curve):
+        curve = np.maximum(isotonic_regression(curve, increasing=False).x, 1e-300)
+        if curve[-1] > level:
+            return np.inf
+        return np.exp(np.interp(-np.log(level), -np.log(curve), np.log(time)))
+    draws = np.random.default_rng(seed).multinomial(
+        len(value), np.full(len(value), 1.0 / len(value)), 200) / len(value)
+    low, high = np.quantile([crossing(draw @ value) for draw in draws], [0.025, 0.975],
+                            method="inverted_cdf")
+    duration, last = crossing(value.mean(0)), value[:, -1].mean()
+    last = last if column is None else np.sqrt(last) / abs(mean)
+    reached = np.isfinite(duration)
+    return Needed(label, target, float(duration) if reached else np.nan,
+                  (float(low), float(high)), float(last), "" if reached else
+                  (_confusion(hypotheses, chunk) if column is None
+                   else _pace(time, value.mean(0), level)))
+
+
+def _pace(time, curve, level):
+    """How fast a variance falls over the last factor of four."""
+    late = time >= time[-1] / 4.0
+    power = -np.polyfit(np.log(time[late]), np.log(curve[late]), 1)[0]
+    if power < 0.02:
+        return "longer records hardly help"
+    longer = time[-1] * (curve[-1] / level)**(1.0 / power)
+    return (f"it falls with the power {-0.5 * power:.2f} of time: "
+            f"at that pace {longer:.2g} s")
+
+
+def _confusion(hypotheses, chunk):
+    """Which structures are confused at the end, and where in their ranges."""
+    best, names = chunk.log_evidence[:, -1].argmax(-1), [h.name for h in hypotheses]
+    wrong = best != chunk.hypothesis
+    if not wrong.any():
+        return "no trial was wrong: more trials are needed"
+    count = np.zeros((len(names), len(names)))
+    np.add.at(count, (chunk.hypothesis[wrong], best[wrong]), 1)
+    true, chosen = np.unravel_index(count.argmax(), count.shape)
+    text = (f"{count.max():.0f} of {wrong.sum()} errors are {names[true]} taken for "
+            f"{names[chosen]}")
+    own = chunk.hypothesis == true
+    away, column = {}, sum(len(h.parameters) for h in hypotheses[:true])
+    for p in hypotheses[true].parameters:
+        there, all_of = chunk.truth[own & wrong, column], chunk.truth[own, column]
+        if p.free:
+            away[p.symbol] = (abs(there.mean() - all_of.mean()) / p.sd, there.mean(),
+                              all_of.mean())
+        column += 1
+    if away:
+        symbol = max(away, key=away.get)
+        text += (f", with {symbol} {away[symbol][1]:.3g} on average, "
+                 f"{away[symbol][2]:.3g} over all trials")
+    return text
+
+
+def at_condition(hypotheses, dt, new_dt=None, sigma_v=None):
+    """The same sensor sampled at another interval, or with another white noise.
+
+    A random walk and the density of the white noise stay what they are: sigma_w goes
+    with the root of the interval, sigma_v with its inverse, as if a sample were the
+    mean over its interval. `sigma_v`, u, is the new level at the old dt.
+    """
+    new_dt = dt if new_dt is None else new_dt
+    factor = dict(sigma_w=np.sqrt(new_dt / dt), sigma_v=np.sqrt(dt / new_dt))
+    result = []
+    for h in hypotheses:
+        own = [Parameter("sigma_v", sigma_v, sigma_v)
+               if p.symbol == "sigma_v" and sigma_v is not None else p
+               for p in h.parameters]
+        result.append(h._replace(parameters=tuple(
+            p._replace(low=p.low * factor.get(p.symbol, 1.0),
+                       high=p.high * factor.get(p.symbol, 1.0)) for p in own)))
+    return tuple(result), new_dt
+
+
+# ---- 6. Allan variance, other algorithms ---- what the filter bank is compared with
 
 def allan_variance(omega, dt, m):
     """Overlapping Allan variance of a rate record at averaging time tau = m * dt.
@@ -1874,15 +2114,24 @@ def allan_deviation(omega, dt, per_octave=1):
 
 
 @njit(**JIT)
-def _functional_variance(weight, Phi, Q, H, m0, P0):
-    """Variance (about zero) of sum weight_i H x_i,
-    from the derivatives to every w_i.
+def _functional_variances(m, Phi, Q, H, m0, P0):
+    """Mean squares of (second mean of m - first mean of m) / sqrt(2) of H x, from the
+    derivatives to every w_i.
     """
+    out = np.empty(len(m))
+    for j in range(len(m)):
+        out[j] = _functional_variance(m[j], Phi, Q, H, m0, P0)
+    return out
+
+
+@njit(**JIT)
+def _functional_variance(m, Phi, Q, H, m0, P0):
     n = len(H)
     g, new, total = np.zeros(n), np.zeros(n), 0.0
-    for i in range(len(weight) - 1, -1, -1):
+    for i in range(2 * m - 1, -1, -1):
+        weight = (1.0 if i >= m else -1.0) / (np.sqrt(2.0) * m)
         for row in range(n):
-            g[row] += weight[i] * H[row]
+            g[row] += weight * H[row]
         for row in range(n):
             new[row] = 0.0
             for column in range(n):
@@ -1898,7 +2147,8 @@ def _functional_variance(weight, Phi, Q, H, m0, P0):
 
 
 def model_allan_variance(filt, m):
-    """Expected Allan variance of a shaping filter at averaging times of m samples, u^2.
+    """Expected Allan variance of a shaping filter at averaging times of m samples, u^2;
+    m is a number or an array of numbers.
 
     For a process that is not stationary, the expectation is that of its first 2 m
     samples. `filt` must not depend on time.
@@ -1910,10 +2160,292 @@ def model_allan_variance(filt, m):
     >>> round(float(model_allan_variance(white_noise(1.0, 2.0), 4)), 12)
     1.0
     """
-    weight = np.repeat([-1.0, 1.0], m) / (np.sqrt(2.0) * m)
     Gamma = filt.Gamma[0]
-    return filt.Psi[0]**2 * weight @ weight + _functional_variance(
-        weight, filt.Phi[0], Gamma @ Gamma.T, filt.H[0], filt.m0, filt.P0)
+    process = _functional_variances(np.atleast_1d(m), filt.Phi[0], Gamma @ Gamma.T,
+                                    filt.H[0], filt.m0, filt.P0)
+    return np.reshape(process, np.shape(m)) + filt.Psi[0]**2 / m
+
+
+# ---- the other algorithms: what the criteria compare the filter bank with
+#
+# An algorithm is a function of a record (N,), dt and a tuple of hypotheses. It gives
+# the number of the hypothesis that it chooses, and one array (p,) of estimates for each
+# hypothesis. All of them know the ranges of the prior.
+
+def allan_line(tau, adev, slope):
+    """Value at 1 s of the line of a given slope through part of an Allan deviation.
+
+    By IEEE Std 952 it is sqrt(3) Q for slope -1 (quantization), N for -1/2 (angle
+    random walk) and K / sqrt(3) for +1/2 (rate random walk).
+    """
+    return float(np.exp(np.mean(np.log(adev) - slope * np.log(tau))))
+
+
+def allan_slopes(y, dt, hypotheses):
+    """Model and parameters from the slopes of the Allan deviation.
+
+    IEEE Std 952, Annex C: white noise has slope -1/2 and is read there, a random walk
+    +1/2; a Markov process has a top of 0.437 q sqrt(T) at 1.89 T. The end of the
+    curve, its last factor of four in averaging time, chooses the model.
+    """
+    tau, adev = allan_deviation(y, dt)
+    x, curve = np.log(tau), np.log(adev)
+    slope = np.diff(curve) / np.diff(x)
+    end = np.polyfit(x[-3:], curve[-3:], 1)[0]
+    nominal = dict(white_noise=-0.5, markov=0.0, random_walk=0.5)
+    if any(h.name not in nominal for h in hypotheses):
+        raise ValueError("slopes are known of " + ", ".join(nominal) + ": there are "
+                         + ", ".join(h.name for h in hypotheses))
+
+    def line(power, segments, otherwise):
+        ends = np.flatnonzero(segments)
+        ends = np.unique([ends, ends + 1]) if len(ends) else [otherwise]
+        return allan_line(tau[ends], adev[ends], power)
+    low = curve.argmin()
+    top = low + curve[low:].argmax()
+    falls = np.logical_and.accumulate(slope < -0.25)    # from the shortest time on
+    rises = (slope > 0.25) & (np.arange(len(slope)) >= low)
+    read = dict(sigma_v=line(-0.5, falls, 0) / np.sqrt(dt),
+                sigma_w=line(0.5, rises, -1) * np.sqrt(3.0 * dt),
+                tau_m=tau[top] / 1.89, sigma_m=adev[top] / (0.437 * np.sqrt(2.0)))
+    return (int(np.argmin([abs(end - nominal[h.name]) for h in hypotheses])),
+            [np.array([np.clip(read[p.symbol], p.low, p.high) for p in h.parameters])
+             for h in hypotheses])
+
+
+def allan_least_squares(y, dt, hypotheses):
+    """Model and parameters from weighted least squares of the whole Allan variance.
+
+    The generalized method of wavelet moments (S. Guerrier, J. Skaloud, Y. Stebler,
+    M.-P. Victoria-Feser, J. Am. Stat. Assoc. 108, 2013): twice the variance of Haar
+    wavelets is the Allan variance. The model is chosen by the wavelet variance
+    information criterion with a diagonal covariance: the sum of squares plus 2 p.
+    """
+    tau, adev = allan_deviation(y, dt)
+    fits = [fit_allan_variance(h, dt, tau, adev**2, np.sum(~np.isnan(y)))
+            for h in hypotheses]
+    costs = [cost + 2.0 * _free(h) for h, (_, cost) in zip(hypotheses, fits)]
+    return int(np.argmin(costs)), [theta for theta, _ in fits]
+
+
+def fit_allan_variance(h, dt, tau, avar, samples):
+    """Weighted least squares of an Allan variance.
+
+    Parameters
+    ----------
+    h : Hypothesis
+        Model and ranges of its parameters.
+    dt : float
+        Sampling interval, s.
+    tau : (J,) array
+        Averaging times, s, whole multiples of dt.
+    avar : (J,) array
+        Overlapping Allan variance, u^2.
+    samples : int
+        Length of the record, which sets the weights: the width of 95 % intervals with
+        the degrees of freedom of a wavelet variance (D. Percival, A. Walden, "Wavelet
+        Methods for Time Series Analysis", 2000, Sec. 8.4, the third approximation).
+
+    Returns
+    -------
+    theta : (p,) array
+    cost : float
+        Weighted sum of squares at theta.
+    """
+    m = np.round(np.asarray(tau) / dt).astype(int)
+    half = 0.5 * np.maximum((samples - 2.0 * m + 1.0) / (2.0 * m), 1.0)
+    low, high = avar * half / gammaincinv(half, [[0.975], [0.025]])
+    sd = (high - low) / (ndtri(0.975) - ndtri(0.025))
+
+    def residual(u):
+        filt = _filter_at(h, dt, _theta(h, u))
+        return (avar - model_allan_variance(filt, m)) / sd
+    u = min(_coarse(h), key=lambda u: np.sum(residual(u)**2))
+    if len(u):
+        u = least_squares(residual, u, bounds=(0.0, 1.0)).x
+    return _theta(h, u), float(np.sum(residual(u)**2))
+
+
+def akaike(y, dt, hypotheses):
+    """Maximum likelihood within the ranges, model by AIC (H. Akaike, IEEE Trans.
+    Automat. Contr. 19, 1974).
+    """
+    return _penalized(hypotheses, _likelihood_fits(y.tobytes(), dt, hypotheses), 2.0)
+
+
+def schwarz(y, dt, hypotheses):
+    """Maximum likelihood within the ranges, model by BIC (G. Schwarz, Ann. Stat. 6,
+    1978).
+    """
+    return _penalized(hypotheses, _likelihood_fits(y.tobytes(), dt, hypotheses),
+                      np.log(np.sum(~np.isnan(y))))
+
+
+@functools.lru_cache(maxsize=2)    # both criteria look at the same fits
+def _likelihood_fits(y, dt, hypotheses):
+    y = np.frombuffer(y)
+
+    def likelihood_of(h):
+        def log_likelihoods(theta):
+            return _bank_likelihood(next(filter_bank(
+                bank(h, dt, theta), y[None], [len(y)])), h)
+        return log_likelihoods
+    return [_maximize(h, likelihood_of(h)) for h in hypotheses]
+
+
+def whittle(y, dt, hypotheses):
+    """Model by AIC and parameters by Whittle's likelihood of the first differences.
+
+    P. Whittle, Ark. Mat. 2, 1953. Differences are stationary for a random walk, too,
+    and free of the bias. For sums of one-state processes without missing samples.
+    """
+    n = len(y) - 1
+    power = np.abs(np.fft.rfft(np.diff(y)))[1:(n + 1) // 2]**2 / n
+    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(1, (n + 1) // 2) / n)
+
+    def likelihood_of(h):
+        def log_likelihoods(theta):
+            b = bank(h, dt, theta)
+            if not is_modal(b):
+                raise ValueError(f"{h.name} is no sum of one-state processes: "
+                                 "Whittle's likelihood is of such sums alone")
+            a, q = (np.diagonal(part[:, 0], 0, 1, 2) for part in (b.Phi, b.Q))
+            return _whittle(power, turn, a, q, b.r[:, 0])
+        return log_likelihoods
+    fits = [_maximize(h, likelihood_of(h)) for h in hypotheses]
+    return _penalized(hypotheses, fits, 2.0)
+
+
+ALGORITHMS = dict(slopes=allan_slopes, gmwm=allan_least_squares, aic=akaike,
+                  bic=schwarz, whittle=whittle)
+
+
+@njit(**JIT)
+def _whittle(power, turn, a, q, r):
+    """Whittle log-likelihood (M,) of a periodogram of differences."""
+    total = np.zeros(len(a))
+    for node in range(len(a)):
+        for j in range(len(power)):
+            S = r[node]
+            for s in range(a.shape[1]):
+                S += q[node, s] / ((1.0 - a[node, s])**2 + a[node, s] * turn[j])
+            S *= turn[j]
+            total[node] -= np.log(S) + power[j] / S
+    return total
+
+
+def _bank_likelihood(sums, h):
+    """ln f(Y / theta) (M,) of one record."""
+    return log_likelihood(1.0, sums.count, sums.chi2[0], sums.score[0],
+                          sums.information, sums.log_det, (0.0, h.bias_sigma**2))
+
+
+def _penalized(hypotheses, fits, penalty):
+    """The choice by likelihood, less half a penalty per free parameter."""
+    return (int(np.argmax([2.0 * top - penalty * _free(h)
+                           for h, (_, top) in zip(hypotheses, fits)])),
+            [theta for theta, _ in fits])
+
+
+def _maximize(h, log_likelihoods):
+    """Parameters (p,) in their ranges where a function of nodes (M, p) is largest."""
+    nodes = _coarse(h)
+    ll = log_likelihoods(np.array([_theta(h, u) for u in nodes]))
+    u = nodes[int(np.argmax(ll))]
+    if not len(u):
+        return _theta(h, u), float(ll[0])
+    # Nelder and Mead's simplex; 1e-3 of a range is far below any standard deviation
+    best = minimize(lambda u: -log_likelihoods(_theta(h, u)[None])[0], u,
+                    method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(u),
+                    options=dict(xatol=1e-3, fatol=1e-3))
+    return _theta(h, best.x), -float(best.fun)
+
+
+def _coarse(h):
+    """Nodes (M, d) of a coarse grid over the prior, in its quantiles."""
+    d = _free(h)
+    return (np.indices((4,) * d).reshape(d, -1).T + 0.5) / 4.0
+
+
+def _theta(h, u):
+    """Parameters (p,) at quantiles (d,) of those that are free."""
+    u = iter(u)
+    return np.array([p.quantile(next(u)) if p.free else p.low for p in h.parameters])
+
+
+def _free(h):
+    return sum(p.free for p in h.parameters)
+
+
+# ---- what no algorithm can do better
+
+def estimation_bound(h, dt, times, trials=2000, seed=0):
+    """Bayesian Cramer-Rao bound: what no estimator's RSD, Eq. (20), can fall below.
+
+    Parameters
+    ----------
+    h : Hypothesis
+    dt : float
+        Sampling interval, s.
+    times : (T,) array
+        Record lengths, s.
+    trials, seed : int
+        For the expectations.
+
+    Returns
+    -------
+    bound, se : (T, d) array
+        For every parameter that is free, with its Monte-Carlo standard error.
+
+    Raises
+    ------
+    ValueError
+        If a prior is not uniform.
+
+    Notes
+    -----
+    The bound of Van Trees needs a prior that vanishes at its ends. With weights q_i(u)
+    that vanish at both ends of u_i instead and psi_i = q_i d ln f / du_i + dq_i / du_i,
+    the variance of u_i is at least E{q_i}^2 [E{psi psi'}^-1]_ii under the uniform prior
+    itself (E. Weinstein, A. J. Weiss, IEEE Trans. Inf. Theory 34, 1988). The largest of
+    some weights is taken: the bound stays loose where the information varies much over
+    the prior.
+    """
+    if any(p.free and p.log for p in h.parameters):
+        raise ValueError(f"{h.name} has a log-uniform prior: "
+                         "the bound is of uniform ones")
+    stops = np.round(np.asarray(times) / dt).astype(int)
+    free = [p for p in h.parameters if p.free]
+    d, step = len(free), 1e-4
+    u = np.random.default_rng(seed).random((trials, d))
+    score = np.empty((trials, len(stops), d))
+    for trial in range(trials):
+        exact = h._replace(parameters=tuple(Parameter(p.symbol, v, v) for p, v in zip(
+            h.parameters, _theta(h, u[trial]))))
+        y = simulate([exact], dt, int(stops[-1]), 1, seed, trial).error
+        around = u[trial] + step * np.vstack([np.eye(d), -np.eye(d)])
+        b = bank(h, dt, [_theta(h, node) for node in around])
+        for t, sums in enumerate(filter_bank(b, y, stops)):
+            ll = _bank_likelihood(sums, h)
+            score[trial, t] = (ll[:d] - ll[d:]) / (2.0 * step)
+    gain = np.array([p.high - p.low for p in free]) / [abs(p.mean) for p in free]
+    best, best_se = np.zeros((2, len(stops), d))
+    # weights u_i (1 - u_i) times powers of all, which look where little is known
+    for power in np.array(list(itertools.product((0.0, 2.0, 5.0), repeat=d))):
+        tilt = np.prod(u**power, axis=1)[:, None]
+        q = tilt * u * (1.0 - u)
+        slope = tilt * (1.0 + power - (2.0 + power) * u)
+        psi = q[:, None] * score + slope[:, None]
+        inverse = np.linalg.inv(np.einsum("lti,ltj->tij", psi, psi) / trials)
+        bound = gain * np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)) * q.mean(0)
+        # the delta method: d[J^-1] = -J^-1 dJ J^-1; q varies as well
+        pull = (np.einsum("tij,ltj->lti", inverse, psi)**2
+                / np.diagonal(inverse, axis1=1, axis2=2))
+        pull = 0.5 * pull - (q / q.mean(0))[:, None]
+        se = bound * pull.std(0, ddof=1) / np.sqrt(trials)
+        best, best_se = (np.where(bound > best, part, old)
+                         for part, old in ((bound, best), (se, best_se)))
+    return best, best_se
 
 
 # ---- 7. Gap ----------------------- why a simulated record differs from the real one
@@ -4540,12 +5072,32 @@ def _parser():
         "criteria", help="how well the models of a file can be identified",
         formatter_class=raw,
         description="Error probability and relative standard deviations "
-                    "against record length, Eqs. (15)-(20).")
+                    "against record length,\nEqs. (15)-(20), or how long must be "
+                    "recorded for a target of them.",
+        epilog="sensorid criteria M.json --duration 2000 --algorithms all\n"
+               "sensorid criteria M.json --duration 2000 --target 0.02 "
+               "--target-rsd tau_m=0.35\n"
+               "sensorid criteria M.json --duration 2000 --target 0.05 "
+               "--design dt=0.1,1 \\\n    --design sigma_v=0.1,0.5 --csv T.csv "
+               "--plot T.png\n"
+               "At another dt the random walk and the density of the white noise stay.")
     two.add_argument("model", metavar="M.json", help="hypotheses and priors")
     two.add_argument("--duration", type=float, required=True, metavar="S",
-                     help="record length, s")
-    two.add_argument("--trials", type=int, default=500, metavar="L",
-                     help="trials (default 500)")
+                     help="record length, s; with a target, the longest in question")
+    two.add_argument("--trials", type=int, metavar="L",
+                     help="trials (default 500; 4000 with a target)")
+    two.add_argument("--algorithms", metavar="NAMES",
+                     help="put others through the same trials: all, or any of "
+                          + ", ".join(ALGORITHMS) + ", comma-separated")
+    two.add_argument("--target", type=float, metavar="P",
+                     help="how long must be recorded for this error probability")
+    two.add_argument("--target-rsd", action="append", default=[], metavar="NAME=R",
+                     help="the same for a relative standard deviation, such as "
+                          "tau_m=0.2; may be repeated")
+    two.add_argument("--design", action="append", default=[], metavar="NAME=V,V,...",
+                     help="answer the targets for every sampling interval dt, s, or "
+                          "white noise sigma_v, u; may be repeated for a grid of both")
+    two.add_argument("--csv", metavar="OUT.csv", help="write the design table")
     two.add_argument("--seed", type=_seed, default=0,
                      help="of the random numbers, >= 0 (default 0)")
     two.add_argument("--checkpoint", metavar="FOLDER",
@@ -4801,7 +5353,7 @@ def allan_misfit(y, dt, estimate):
     keep = tau <= 0.1 * dt * len(y)
     tau, adev = (tau[keep], adev[keep]) if keep.any() else (tau[:1], adev[:1])
     m = np.round(tau / dt).astype(int)
-    model = np.sqrt([model_allan_variance(filt, k) for k in m])
+    model = np.sqrt(model_allan_variance(filt, m))
     edf = ((1.5 * (len(y) - 1) / m - 2 * (len(y) - 2) / len(y))
            * 4 * m**2 / (4 * m**2 + 5)) * seen**(2 * m)    # of pairs without a gap
     z = np.log(adev / model) * np.sqrt(2.0 * np.maximum(edf, 1.0))
@@ -4831,7 +5383,7 @@ def _draw_identify(plt, record, posterior, unit):
     history = np.array([identify(y[:n], dt, hypotheses).probability for n in lengths])
     for k, e in enumerate(posterior.estimates):
         filt = _filter_at(e.hypothesis, dt, e.mean)
-        left.loglog(m * dt, np.sqrt([model_allan_variance(filt, i) for i in m]),
+        left.loglog(m * dt, np.sqrt(model_allan_variance(filt, m)),
                     color=f"C{k}",
                     label=f"{e.hypothesis.name}, {posterior.probability[k]:.3f}")
         right.semilogx(np.array(lengths) * dt, history[:, k], "o-", color=f"C{k}",
@@ -4850,57 +5402,181 @@ def _draw_identify(plt, record, posterior, unit):
 def _criteria_command(options):
     model = read_model(options.model)
     _refuse_effects(options.model, model)
-    _check_outputs([options.model], options.json, plot=options.plot)
+    _check_outputs([options.model], options.json, options.csv, plot=options.plot)
     if options.checkpoint is not None and not os.path.isdir(options.checkpoint):
         _check_outputs([], options.checkpoint)
         if os.path.exists(options.checkpoint):
             raise ValueError(f"{options.checkpoint} is a file: a folder is needed")
+    if options.target is not None or options.target_rsd:
+        return _targets_command(options, model)
+    for name in ("design", "csv"):
+        if getattr(options, name):
+            raise ValueError(f"--{name} goes with --target or --target-rsd")
     plt = _matplotlib() if options.plot else None
-    result = criteria(model.hypotheses, model.dt, options.duration, options.trials,
-                      options.seed, checkpoint=options.checkpoint,
-                      progress=progress_bar)
+    result = criteria(model.hypotheses, model.dt, options.duration,
+                      500 if options.trials is None else options.trials, options.seed,
+                      algorithms=_algorithms(options.algorithms),
+                      checkpoint=options.checkpoint, progress=progress_bar)
     error = result.error_probability
-    print(f"{options.trials} trials of {options.duration:g} s at {model.dt:g} s, seed "
+    print(f"{result.trials} trials of {options.duration:g} s at {model.dt:g} s, seed "
           f"{options.seed}; real / calculated, +- standard error")
     print(f"{'time, s':>10}  {'error probability':<28}"
           + "".join(f"{'RSD ' + label:<28}" for label in result.labels))
-    for i in np.unique(np.linspace(0, len(result.time) - 1, 12).astype(int)):
+    shown = np.unique(np.linspace(0, len(result.time) - 1, 12).astype(int))
+    for i in shown:
         print(f"{result.time[i]:>10.4g}  " + "".join(
             f"{f'{c.real[i]:.4f} / {c.calculated[i]:.4f} +- {c.real_se[i]:.4f}':<28}"
             for c in (error, *result.rsd)))
-
-    def curve(c):
-        return {name: [v if np.isfinite(v) else None for v in part.tolist()]
-                for name, part in c._asdict().items()}
-
+    for name, r in result.rivals.items():
+        print(f"\n{name}, on the same trials; error probability and what it is above "
+              "the Bayesian one, then efficiencies")
+        for i in shown:
+            print(f"{result.time[i]:>10.4g}  " + f"{r.error_probability[i]:.4f}, "
+                  + f"{f'{r.excess[i]:+.4f} +- {r.excess_se[i]:.4f}':<20}" + "".join(
+                      f"{f'{e[i]:.2f} +- {se[i]:.2f}':<28}"
+                      for e, se in zip(r.efficiency, r.efficiency_se)))
     if options.json:
-        text = json.dumps(dict(
-            time=result.time.tolist(), trials=options.trials, seed=options.seed,
-            unit=model.unit, error_probability=curve(error),
-            rsd={label: curve(c) for label, c in zip(result.labels, result.rsd)}),
-            indent=1)
-        _write(options.json, lambda stream: stream.write(text.encode()))
+        def by_label(parts):
+            return dict(zip(result.labels, parts))
+        _write_json(options.json, dict(
+            time=result.time, trials=result.trials, seed=options.seed, unit=model.unit,
+            error_probability=error._asdict(),
+            rsd=by_label(c._asdict() for c in result.rsd),
+            algorithms={name: {key: by_label(part) if isinstance(part, tuple) else part
+                               for key, part in r._asdict().items()}
+                        for name, r in result.rivals.items()}))
     if plt:
-        fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2))
-        for ax, curves in ((left, [("error probability", error)]),
-                           (right, list(zip(result.labels, result.rsd)))):
-            for number, (label, c) in enumerate(curves):
-                color = f"C{number}"
-                ax.plot(result.time, c.real, "-", color=color, label=label)
-                ax.plot(result.time, c.calculated, "--", color=color)
-                ax.fill_between(result.time, c.real - c.real_se, c.real + c.real_se,
-                                color=color, alpha=0.2, linewidth=0)
-            ax.plot([], [], "-", color="0.4", label="real, +- standard error")
-            ax.plot([], [], "--", color="0.4", label="calculated")
-            ax.set_xlabel("time, s")
-            ax.legend(frameon=False, fontsize="small", loc="upper right",
-                      ncols=1 + (len(curves) > 3))
-            ax.grid(True, alpha=0.3)
-            ax.margins(y=0.25 if len(curves) > 3 else 0.05)
-            ax.set_ylim(bottom=0)
-        left.set_ylabel("identification error probability")
-        right.set_ylabel("relative standard deviation")
-        _save(fig, options.plot)
+        _save(_draw_criteria(plt, result), options.plot)
+
+
+def _draw_criteria(plt, result):
+    fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2))
+    for ax, curves in ((left, [("error probability", result.error_probability)]),
+                       (right, list(zip(result.labels, result.rsd)))):
+        for number, (label, c) in enumerate(curves):
+            color = f"C{number}"
+            ax.plot(result.time, c.real, "-", color=color, label=label)
+            ax.plot(result.time, c.calculated, "--", color=color)
+            ax.fill_between(result.time, c.real - c.real_se, c.real + c.real_se,
+                            color=color, alpha=0.2, linewidth=0)
+        ax.plot([], [], "-", color="0.4", label="real, +- standard error")
+        ax.plot([], [], "--", color="0.4", label="calculated")
+    for number, (name, r) in enumerate(result.rivals.items(), 1):
+        left.plot(result.time, r.error_probability, ":o", color=f"C{number}",
+                  markersize=3, label=name)
+        for label, c in enumerate(r.rsd):
+            right.plot(result.time, c, ":", color=f"C{label}", linewidth=0.8)
+    if result.rivals:
+        right.plot([], [], ":", color="0.4", label="other algorithms")
+    for ax, curves in (left, 2 + len(result.rivals)), (right, 2 + len(result.rsd)):
+        ax.set_xlabel("time, s")
+        ax.legend(frameon=False, fontsize="small", loc="upper right",
+                  ncols=1 + (curves > 5))
+        ax.grid(True, alpha=0.3)
+        ax.margins(y=0.35 if curves > 5 else 0.05)
+        ax.set_ylim(bottom=0)
+    left.set_ylabel("identification error probability")
+    right.set_ylabel("relative standard deviation")
+    return fig
+
+
+def _write_json(file, value):
+    text = json.dumps(_finite(value), indent=1, allow_nan=False)
+    _write(file, lambda stream: stream.write(text.encode()))
+
+
+def _algorithms(text):
+    names = list(ALGORITHMS) if text == "all" else (text or "").split(",")
+    unknown = [name for name in names if name and name not in ALGORITHMS]
+    if unknown:
+        raise ValueError(f"--algorithms {', '.join(unknown)}: choose from "
+                         + ", ".join(ALGORITHMS) + ", or all")
+    return {name: ALGORITHMS[name] for name in names if name}
+
+
+def _numbers_of(option, text):
+    """Name and numbers of NAME=V,V,..."""
+    name, _, values = text.partition("=")
+    try:
+        numbers = [float(v) for v in values.split(",")]
+    except ValueError:
+        numbers = []
+    if not name or not numbers or not all(0.0 < v < np.inf for v in numbers):
+        raise ValueError(f"{option} {text}: NAME=NUMBER, a number > 0, is needed")
+    return name, numbers
+
+
+def _targets_command(options, model):
+    """How long must be recorded: one answer, or a table over conditions."""
+    rsd = {name: values[0] for name, values in (
+        _numbers_of("--target-rsd", text) for text in options.target_rsd)}
+    design = dict(_numbers_of("--design", text) for text in options.design)
+    if set(design) - {"dt", "sigma_v"}:
+        raise ValueError(f"--design {', '.join(design)}: dt and sigma_v can be varied")
+    if options.algorithms:
+        raise ValueError("--algorithms goes with criteria, not with a target")
+    _targets(model.hypotheses, options.target, rsd)    # refuse them before the work
+    if options.plot and not design:
+        raise ValueError("--plot goes with --design: a single answer is no picture")
+    plt = _matplotlib() if options.plot else None
+    trials = 4000 if options.trials is None else options.trials
+    rows = []
+    print(f"shortest record [95 % interval], {trials} trials of {options.duration:g} s "
+          f"at most, seed {options.seed}")
+    for dt, sigma_v in itertools.product(design.get("dt", [None]),
+                                         design.get("sigma_v", [None])):
+        hypotheses, interval = at_condition(model.hypotheses, model.dt, dt, sigma_v)
+        answer = record_length(hypotheses, interval, options.duration, options.target,
+                               rsd, trials, options.seed,
+                               checkpoint=options.checkpoint, progress=progress_bar)
+        condition = f"dt {interval:g} s" + (
+            f", sigma_v {sigma_v:g} {model.unit}" if sigma_v else "")
+        for n in answer:
+            rows.append(dict(dt=interval, sigma_v=sigma_v, **n._asdict()))
+            found = (f"{n.duration:.4g} s [{n.interval[0]:.4g}, {n.interval[1]:.4g}]"
+                     if n.duration == n.duration else
+                     f"not within {options.duration:g} s, {n.reached:.4g} there; "
+                     f"{n.reason}")
+            print(f"{condition}: {n.label} {n.target:g}: {found}", flush=True)
+    if options.json:
+        _write_json(options.json, dict(seed=options.seed, trials=trials, needed=rows))
+    if options.csv:
+        names = "dt", "sigma_v", "label", "target", "duration", "low", "high", "reached"
+        lines = [",".join("" if v is None or v != v else str(v) for v in (
+            r["dt"], r["sigma_v"], r["label"], r["target"], r["duration"],
+            *r["interval"], r["reached"])) for r in rows]
+        text = "\n".join([",".join(names), *lines, ""])
+        _write(options.csv, lambda stream: stream.write(text.encode()))
+    if plt:
+        _save(_draw_design(plt, rows, options.duration, model.unit), options.plot)
+
+
+def _draw_design(plt, rows, limit, unit):
+    """Needed duration against one condition, a line for each value of the other."""
+    labels = list(dict.fromkeys(r["label"] for r in rows))
+    several = len({r["sigma_v"] for r in rows}) > 1
+    x, other = ("sigma_v", "dt") if several else ("dt", "sigma_v")
+    fig, axes = plt.subplots(1, len(labels), figsize=(1.0 + 4.6 * len(labels), 4.2),
+                             squeeze=False)
+    for ax, label in zip(axes[0], labels):
+        for number, value in enumerate(dict.fromkeys(r[other] for r in rows)):
+            own = [r for r in rows if r["label"] == label and r[other] == value]
+            at = np.array([r[x] for r in own])
+            low, high = np.clip([r["interval"] for r in own], None, limit).T
+            ax.plot(at, [r["duration"] for r in own], "o-", color=f"C{number}",
+                    label=None if value is None else
+                    f"dt = {value:g} s" if several else f"sigma_v = {value:g} {unit}")
+            ax.fill_between(at, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
+            never = at[[r["duration"] != r["duration"] for r in own]]
+            ax.plot(never, np.full(len(never), limit), "^", color=f"C{number}")
+        ax.set(xscale="log", yscale="log", ylabel="needed record length, s",
+               xlabel=f"white noise sigma_v, {unit}" if several else
+               "sampling interval, s",
+               title=f"{label} of {own[0]['target']:g}")
+        ax.plot([], [], "k^", label=f"not within {limit:g} s")
+        ax.grid(True, which="both", alpha=0.3)
+        ax.legend(frameon=False)
+    return fig
 
 
 def _simulate_command(options):
@@ -5018,10 +5694,12 @@ def _simulated(options, dt):
 
 
 def _finite(x):
-    """A number for JSON: None where there is none."""
-    if isinstance(x, (list, tuple)):
+    """A value for JSON: None for a number that there is not."""
+    if isinstance(x, dict):
+        return {name: _finite(v) for name, v in x.items()}
+    if isinstance(x, (list, tuple, np.ndarray)):
         return [_finite(v) for v in x]
-    if isinstance(x, str):
+    if x is None or isinstance(x, (str, int)):
         return x
     return float(x) if np.isfinite(x) else None
 

@@ -20,7 +20,7 @@ def allan_curves(examples):
         tau, adev = sensorid.allan_deviation(y, dt, per_octave=2)
         filt = h.model(dt, **parameters)
         m = np.round(tau / dt).astype(int)
-        expected = np.sqrt([sensorid.model_allan_variance(filt, k) for k in m])
+        expected = np.sqrt(sensorid.model_allan_variance(filt, m))
         result.append((label(model, parameters), tau, adev, expected))
     return result
 

@@ -101,3 +101,41 @@ def test_senseless_runs_are_refused(change, message):
     arguments = dict(dt=1.0, duration=100.0, trials=20) | change
     with pytest.raises(ValueError, match=message):
         s.criteria(paper_case(2), **arguments)
+
+
+# ---- how long must be recorded
+
+def test_criteria_meet_their_targets_at_the_length_that_is_named():
+    H = paper_case(2)
+    for n in s.record_length(H, 0.2, 1000.0, 0.06, dict(sigma_w=0.1), 2000, seed=6):
+        assert n.interval[0] <= n.duration <= n.interval[1] < 1000.0 and not n.reason
+        c = s.criteria(H, 0.2, n.duration, 1000, seed=7, times=[n.duration])
+        curve = curves(c)[n.label.replace("error_probability", "error")]
+        # at the ends of the interval the criterion is as far off as the answer may be
+        assert abs(curve.real[0] - n.target) < 3.0 * curve.real_se[0] + 0.05 * n.target
+
+
+def test_what_cannot_be_reached_is_said_with_its_reason():
+    H = paper_case(2)
+    error, tau = s.record_length(H, 1.0, 300.0, 0.001, {"markov.tau_m": 0.01}, 200)
+    assert np.isnan(error.duration) and np.isnan(tau.duration)
+    assert error.interval[1] == np.inf and error.reached > 0.001
+    assert "taken for" in error.reason and "power" in tau.reason
+
+
+@pytest.mark.parametrize("change, message", [
+    (dict(), "no target is given"), (dict(error=1.5), "0 < target < 1"),
+    (dict(rsd=dict(sigma_v=0.1)), "RSD 0.1 of sigma_v: a target > 0 is needed, of "),
+    (dict(rsd=dict(tau_m=0.0)), "a target > 0")])
+def test_senseless_targets_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        s.record_length(paper_case(2), 1.0, 100.0, trials=16, **change)
+
+
+def test_the_same_sensor_at_another_rate_has_the_same_densities():
+    H, dt = s.at_condition(paper_case(3), 1.0, 0.25, 0.5)
+    walk, process = H
+    assert dt == 0.25
+    assert walk.parameters[0][1:3] == (0.02, 0.075)
+    assert walk.parameters[1][1:3] == (1.0, 1.0)
+    assert process.parameters[0][1:3] == (60.0, 1500.0)

@@ -63,7 +63,31 @@ def test_criteria_writes_curves(folder):
     assert len(result["time"]) == len(result["error_probability"]["calculated"])
 
 
+def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
+    assert s.main("criteria m.json --duration 200 --trials 32 --algorithms slopes,aic "
+                  "--json c.json --plot c.png".split()) == 0
+    result = json.loads(pathlib.Path("c.json").read_text())
+    assert set(result["algorithms"]) == {"slopes", "aic"}
+    assert set(result["algorithms"]["aic"]["efficiency"]) == set(result["rsd"])
+    assert "on the same trials" in capsys.readouterr().out
+    assert s.main("criteria m.json --duration 200 --trials 64 --target 0.3 "
+                  "--target-rsd tau_m=0.01 --design sigma_v=0.1,0.5 --design dt=0.5,1 "
+                  "--json t.json --csv t.csv --plot t.png".split()) == 0
+    said = capsys.readouterr().out
+    assert said.count("error_probability 0.3") == 4 and "not within 200 s" in said
+    rows = pathlib.Path("t.csv").read_text().splitlines()
+    assert rows[0].startswith("dt,sigma_v,label,target,duration") and len(rows) == 9
+    needed = json.loads(pathlib.Path("t.json").read_text())["needed"]
+    assert [n["duration"] is None for n in needed] == [False, True] * 4
+
+
 @pytest.mark.parametrize("line, message", [
+    ("criteria m.json --duration 50 --target 2", "0 < target < 1"),
+    ("criteria m.json --duration 50 --target-rsd tau_m", "NAME"),
+    ("criteria m.json --duration 50 --target 0.1 --design x=1", "dt and sigma_v"),
+    ("criteria m.json --duration 50 --csv t.csv", "--csv goes with --target"),
+    ("criteria m.json --duration 50 --algorithms magic", "choose from slopes"),
+    ("criteria m.json --duration 50 --target 0.1 --plot t.png", "goes with --design"),
     ("identify none.csv", "none.csv: no such file"),
     ("identify r.npz --column nope", "no column 'nope' among error, dt"),
     ("identify r.npz --model none.json", "no such model file"),

@@ -85,6 +85,15 @@ def test_figures_draw_what_they_compute(small, capsys):
         assert row.statement in text
 
 
+def test_figures_7_and_8_compare_the_algorithms(small, monkeypatch, capsys):
+    from figures import fig7, fig8
+    monkeypatch.setattr(figures, "DURATION", 1024.0)
+    fig7.main()
+    fig8.main()
+    assert {f.stem for f in small.iterdir() if f.is_file()} == {"fig7", "fig8"}
+    assert capsys.readouterr().out.count("whittle") == 3 + 2 * 3 + 4
+
+
 def test_allan_curves_cannot_tell_the_processes_apart_without_white_noise(small):
     """Sec. 4.1: only the +1/2 slope is seen in Figure 1b below 30 s."""
     for name, tau, _, expected in identification.allan_curves(fig1.EXAMPLES):
@@ -104,9 +113,9 @@ def test_rsd_of_scaled_priors_coincide(small):
 
 
 def test_help_of_the_figures_names_them_all():
-    done = subprocess.run([sys.executable, "-m", "figures", "7"], cwd=ROOT, text=True,
+    done = subprocess.run([sys.executable, "-m", "figures", "9"], cwd=ROOT, text=True,
                           capture_output=True)
-    assert done.returncode == 2 and "no figure 7" in done.stderr
+    assert done.returncode == 2 and "no figure 9" in done.stderr
 
 
 README = (ROOT / "README.md").read_text()
