@@ -240,6 +240,24 @@ def test_importance_sampling_of_a_sharp_correlated_gaussian():
 
 # ---- readings
 
+@pytest.mark.parametrize("number, effects", [
+    (1194, ["random_telegraph"]), (1, ["random_telegraph"]),
+    (5, ["correlated_noise", "outliers"]), (6, ["outliers", "random_telegraph"])])
+def test_importance_sampling_finds_the_mode(number, effects):
+    """The true parameters cannot be more likely than the likeliest node."""
+    r = generator.record(2026, number, effects, level=3)
+    scene = Scene(r["error"], DT, {})
+    (h,) = [h for h in MODEL if h.name == r["base"]]
+    truth = dict(r["parameters"])
+    for e in effects:
+        h = sensorid.extend(scene, h, sensorid.CATALOGUE[e])
+        truth |= {f"{e}.{name}": value for name, value in r["truth"][e].items()}
+    theta = np.array([[truth[p.symbol] for p in h.parameters]])
+    acc = sensorid.account(scene, [h])
+    assert acc.peak > sensorid._log_likelihoods(h, scene, (), theta)[0]
+    assert acc.samples[0].log_evidence[0] > acc.peak - 25.0    # not one point alone
+
+
 def test_readings_are_seen_and_what_is_none_is_not():
     rng = np.random.default_rng(9)
     y = np.cumsum(0.05 * rng.standard_normal(3000)) + 0.5 * rng.standard_normal(3000)
