@@ -4393,6 +4393,7 @@ class Diagnosis(NamedTuple):
     closed: float            # fraction of the gap; NaN where there was none
     closed_interval: tuple
     nats_per_sample: float   # gain of the one-step-ahead log score
+    held_out: tuple          # HeldOut; None where nothing was found
     needed_duration: float   # s; NaN unless undecided
 
 
@@ -4519,6 +4520,8 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
     gain = (acc.log_evidence - start.log_evidence) / np.sum(~np.isnan(scene.y))
     return Diagnosis(full, verdict, tuple(causes), base, acc, tuple(found), before,
                      after, *closure(before, after), float(gain),
+                     held_out(scene, start, acc) if acc.signatures or
+                     acc.hypotheses != start.hypotheses else None,
                      needed_duration(causes, full) if verdict == "undecided"
                      else np.nan)
 
@@ -4568,6 +4571,47 @@ def closure(before, after):
     closed = np.clip(1.0 - (last + np.array([0.0, noise, -noise]) - 1.0)
                      / (first - 1.0), -9.0, 1.0)
     return first, last, float(closed[0]), (float(closed[1]), float(closed[2]))
+
+
+class HeldOut(NamedTuple):
+    """What the first two thirds of a record say of the last third."""
+
+    gain: float           # of the log score with the effects, nats a sample
+    reference: float      # of a flexible regression, nats a sample
+    ratio_before: float   # real over calculated standard deviation of the predictions
+    ratio_after: float    # the same with the effects: 1 where the criteria coincide
+
+
+LAGS = 32    # samples back that the flexible regression looks
+
+
+def held_out(scene, start, final):
+    """`HeldOut` of an account with effects against that without."""
+    cut = 2 * len(scene.y) // 3
+    head = Scene(scene.y[:cut], scene.dt,
+                 {name: x[:cut] for name, x in scene.columns.items()})
+    score, ratio = [], []
+    for acc in (start, final):
+        fit = account(head, acc.bases, acc.hypotheses, tuple(
+            s._replace(columns=s.columns[:cut]) for s in acc.signatures))
+        tail = predict(fit.hypotheses[fit.best], scene.y[None], scene.dt,
+                       acc.signatures, fit.theta[None])
+        score.append(tail.log_score[0, 0, cut:])
+        ratio.append(float(np.sqrt(np.nanmean(tail.z[0, 0, cut:]**2))))
+    back = np.column_stack([np.ones_like(scene.y), *scene.columns.values(), *(
+        np.roll(scene.y, lag) for lag in range(1, LAGS + 1))])
+    whole = ~np.isnan(back).any(1) & ~np.isnan(scene.y) & (
+        np.arange(len(scene.y)) >= LAGS)
+    early, late = whole.copy(), whole.copy()
+    early[cut:], late[:cut] = False, False
+    reference = np.nan
+    if early.sum() > 2 * back.shape[1] and late.any():
+        c, *_ = np.linalg.lstsq(back[early], scene.y[early])
+        variance = np.mean((scene.y - back @ c)[early]**2)
+        density = -0.5 * (LOG_2PI + np.log(variance)
+                          + (scene.y - back @ c)[late]**2 / variance)
+        reference = float(np.mean(density - score[0][late[cut:]]))
+    return HeldOut(float(np.nanmean(score[1] - score[0])), reference, *ratio)
 
 
 def needed_duration(causes, scene):
@@ -5761,7 +5805,8 @@ def report(d, record):
         gap=dict(p_value=d.before.p_value, residual_p_value=d.after.p_value,
                  before=d.rms_before, after=d.rms_after, closed=_finite(d.closed),
                  closed_interval=_finite(d.closed_interval),
-                 nats_per_sample=d.nats_per_sample),
+                 nats_per_sample=d.nats_per_sample,
+                 held_out=d.held_out and _finite(d.held_out._asdict())),
         where=[dict(place=s.place[i], at=_finite(s.at[i].tolist()),
                     column=s.column[i] or None, before=abs(float(d.before.distance[i])),
                     after=abs(float(d.after.distance[i])),
@@ -5845,12 +5890,25 @@ def _table(d, record, unit):
                      f"[{100 * low:.0f}, {100 * high:.0f}] of the gap, "
                      f"{d.nats_per_sample:.2g} nats a sample; left: p = "
                      f"{d.after.p_value:.2g}")
+    if d.held_out:
+        h = d.held_out
+        lines.append("the last third, by what the others say: "
+                     f"{h.gain:+.2g} nats a sample (a regression on {LAGS} samples "
+                     f"and all columns: {h.reference:+.2g}); errors are "
+                     f"{h.ratio_before:.3g} of what is calculated before, "
+                     f"{h.ratio_after:.3g} after")
     named = [c.effect for c in d.causes if c.effect in CATALOGUE][:2]
     for name in named if d.verdict == "undecided" else named[:1]:
         e = CATALOGUE[name]
         if d.verdict != "none":
             lines.append(f"{name} is confused with {e.resembles}; "
                          f"to tell: {e.experiment}")
+    for column in {s.column for s in d.final.signatures if s.column}:
+        low, high = _clusters(d.scene.columns[column])
+        if high:
+            lines.append(f"{column} is {low[0]:.4g} to {low[1]:.4g} or {high[0]:.4g} "
+                         f"to {high[1]:.4g}, never between: whatever else changed "
+                         "with it explains the record as well")
     if d.verdict == "undecided":
         lines.append(f"a record of about {d.needed_duration:.3g} s would tell the "
                      "first two apart")
@@ -5860,6 +5918,17 @@ def _table(d, record, unit):
                      f"{s.place[i].replace('_', ' ')} {s.at[i][0]:.4g} to "
                      f"{s.at[i][1]:.4g} {s.column[i] or UNITS[s.place[i]]}")
     return "\n".join(lines) + "\n"
+
+
+def _clusters(x):
+    """Ends of the lower and the upper cluster of a column, the latter () if one is all:
+    two are apart by more than half of the range.
+    """
+    x = np.sort(x)
+    at = int(np.diff(x).argmax())
+    if x[at + 1] - x[at] < 0.5 * (x[-1] - x[0]):
+        return (x[0], x[-1]), ()
+    return (x[0], x[at]), (x[at + 1], x[-1])
 
 
 def _added_names(d):

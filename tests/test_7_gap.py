@@ -423,6 +423,13 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
 
 
+def test_what_was_not_fitted_is_foretold_better():
+    d = diagnosed(generator.record(500, 1, ["correlated_noise"], level=4))
+    assert d.held_out.gain > 0.01
+    assert d.held_out.gain > d.held_out.reference
+    assert abs(d.held_out.ratio_after - 1.0) < 0.05    # real and calculated coincide
+
+
 def test_a_users_effect_joins_the_catalogue_in_a_few_lines():
     def kick(scene, column, psi):    # an exponential approach to a new level
         yield "", (1.0 - np.exp(-scene.time / 30.0))[:, None] * (scene.time > 500)[
@@ -540,6 +547,41 @@ def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
     d = sensorid.diagnose(y, 0.01, sensorid.default_hypotheses(y, 0.01))
     lines = [c.parameters["frequency"][0] for c in d.found if c.effect == "sinusoid"]
     assert any(0.45 < f < 0.6 for f in lines), [c.effect for c in d.found]
+
+
+def test_runs_of_one_sensor_differ_by_a_drift_or_not_at_all(real):
+    runs = {}
+    for k in (1, 2, 3):    # gyro x, 2 s means
+        with np.load(real / f"adis16405_run{k}.npz") as z:
+            runs[k] = z["gyro_counts"][0].reshape(-1, 200).mean(1) * float(
+                z["gyro_lsb"])
+    simulator = sensorid.simulator_from(runs[1][None], 2.0)
+    warm = sensorid.diagnose(runs[2], 2.0, simulator)
+    slow = {c.effect: c.probability for c in warm.causes}
+    assert slow["rate_ramp"] + slow["turn_on_transient"] > 0.8
+    assert sensorid.diagnose(runs[3], 2.0, simulator).verdict == "none"
+    # ten minutes do not show what the whole run does
+    assert sensorid.diagnose(runs[1][:300], 2.0, sensorid.default_hypotheses(
+        runs[1][:300], 2.0)).verdict == "none"
+
+
+def test_two_clusters_of_temperature_are_no_proof_of_it(real):
+    with np.load(real / "bmi270_hot_cold.npz") as z:
+        parts = [slice(0, 1000), slice(0, 1000)]
+        y = np.concatenate([z[f"{k}_gyro"][1, part].astype(float) for k, part in zip(
+            ("hot", "cold"), parts)])
+        T = np.concatenate([z[f"{k}_temp"][part].astype(float) for k, part in zip(
+            ("hot", "cold"), parts)])
+    low, high = sensorid._clusters(T)
+    assert low[1] < 14.0 and high[0] > 47.0
+    d = sensorid.diagnose(y, 0.02, sensorid.default_hypotheses(y, 0.02),
+                          dict(temperature=T))
+    assert any("temperature" in c.effect or "thermal_lag" in c.effect or
+               "bias_step" in c.effect for c in d.causes[:4])
+    text = sensorid._table(d, sensorid.Record("r", "gyro", y, 0.02, dict(
+        temperature=T)), "deg/s")
+    if any(s.column for s in d.final.signatures):
+        assert "never between" in text
 
 
 def test_published_noise_14_times_too_large_is_a_wrong_parameter(real):
