@@ -4170,6 +4170,10 @@ def statistics(z, y, scene, white):
     for low, high in zip(edges[:-1], edges[1:]):
         put("amplitude", low, high, "",
             ((z0 >= low) & (z0 < high) & seen).sum(1) / np.sqrt(count / 12.0))
+    u = np.pi * ndtr(z0)    # smooth departures from the predicted law (Neyman)
+    for k in range(1, 9):
+        put("amplitude", -40.0, 40.0, "",
+            np.where(seen, np.cos(k * u), 0.0).sum(1) / np.sqrt(0.5 * count))
     for low, high in ((-40.0, -3.0), (3.0, 40.0), (-40.0, -4.0), (4.0, 40.0)):
         inside = ((z0 >= low) & (z0 < high)).sum(1)
         expected = count * ndtr(-min(abs(low), abs(high)))
@@ -6023,6 +6027,10 @@ def main(argv=None):
     options = _parser().parse_args(argv)
     try:
         COMMANDS[options.command](options)
+        sys.stdout.flush()
+    except BrokenPipeError:    # the reader has had enough, as `head` has
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except (ValueError, OSError, OverflowError) as problem:
         print(f"sensorid: {' '.join(str(problem).split())}", file=sys.stderr)
         return 2

@@ -63,6 +63,13 @@ def test_criteria_writes_curves(folder):
     assert len(result["time"]) == len(result["error_probability"]["calculated"])
 
 
+def test_a_reader_that_has_had_enough_ends_the_command_quietly(folder):
+    done = subprocess.run(
+        f"{sys.executable} {s.__file__} criteria m.json --duration 20 --trials 16 | "
+        "true", shell=True, text=True, capture_output=True)
+    assert "ipe" not in done.stderr and "Traceback" not in done.stderr
+
+
 def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     assert s.main("criteria m.json --duration 200 --trials 32 --algorithms slopes,aic "
                   "--json c.json --plot c.png".split()) == 0
