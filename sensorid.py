@@ -31,6 +31,7 @@ import csv
 import functools
 import hashlib
 import inspect
+import io
 import itertools
 import json
 import math
@@ -1661,10 +1662,11 @@ def _run_chunk(truths, grids, algorithms, dt, stops, seed, first, last):
     hypotheses, truth = tuple(g.hypothesis for g in grids), np.concatenate(truth, 1)
     shape = len(truth), len(stops), len(algorithms)
     choice, guess = np.zeros(shape, int), np.zeros((*shape, truth.shape[1]))
-    for l, t, a in np.ndindex(shape):
-        y = trials.error[l, :stops[t]]
-        choice[l, t, a], estimates = algorithms[a](y, dt, hypotheses)
-        guess[l, t, a] = np.concatenate(estimates)
+    for at in np.ndindex(shape):
+        trial, t, a = at
+        choice[at], estimates = algorithms[a](trials.error[trial, :stops[t]], dt,
+                                              hypotheses)
+        guess[at] = np.concatenate(estimates)
     return _Chunk(np.stack(log_evidence, 2), np.concatenate(mean, 2),
                   np.concatenate(variance, 2), trials.hypothesis, truth, choice, guess)
 
@@ -1779,6 +1781,10 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     if not 1 <= stops[0] <= stops[-1] <= samples:
         raise ValueError(f"times {stops[0] * dt:g} to {stops[-1] * dt:g} s "
                          f"do not lie within {dt:g} to {duration:g} s")
+    if algorithms:    # refuse what they cannot do before the work
+        short = simulate(truths or hypotheses, dt, int(stops[0]), 1, seed).error[0]
+        for algorithm in algorithms.values():
+            algorithm(short, dt, tuple(hypotheses))
     reached = tuple(np.full(g.coordinate.shape[1], np.nan) for g in grids or ())
     if grids is None:
         grids, reached = zip(*(criteria_grid(h, dt, samples, seed) for h in hypotheses))
@@ -1838,7 +1844,7 @@ def _criteria(hypotheses, grids, reached, time, algorithms, chunk):
             labels.append(f"{h.name}.{p.symbol}")
             rsd.append(_relative(_curve(square, chunk.variance[own, :, column]),
                                  own.sum(), abs(p.mean)))
-            squares.append((abs(p.mean), square, (truth[..., None]
+            squares.append((abs(p.mean) or np.nan, square, (truth[..., None]
                             - chunk.guess[own, :, :, column])**2))
     missed = chunk.choice != chunk.hypothesis[:, None, None]
     rivals = {name: _rival(wrong, missed[:, :, number],
@@ -1896,8 +1902,8 @@ class Needed(NamedTuple):
     target: float
     duration: float    # s; NaN where the limit does not suffice
     interval: tuple    # (2,) s, 95 %, infinite where it leaves the limit
-    reached: float     # at the limit
-    reason: str        # what limits, where the limit does not suffice
+    reached: float     # at the end of the longest records that were tried
+    reason: str        # what limits, where the limit does not suffice, and doubts
 
 
 def record_length(hypotheses, dt, limit, error=None, rsd=None, trials=4000, seed=0, *,
@@ -1940,12 +1946,17 @@ def record_length(hypotheses, dt, limit, error=None, rsd=None, trials=4000, seed
         if samples // stage < 256 and stage > 1:
             continue
         stops = np.unique(np.round(np.geomspace(1, samples // stage, 49)).astype(int))
-        grids = [criteria_grid(h, dt, stops[-1], seed)[0] for h in hypotheses]
+        grids, resolved = zip(*(criteria_grid(h, dt, stops[-1], seed)
+                                for h in hypotheses))
         chunk = _run_trials(hypotheses, grids, {}, dt, stops, trials, seed, executor,
                             checkpoint, progress)
         result = [_needed(hypotheses, dt * stops, chunk, *one, seed) for one in targets]
         if all(np.isfinite(n.interval[1]) for n in result):
             break
+    if any((nodes < NODES_PER_SD).any() for nodes in resolved):
+        result = [n._replace(reason="; ".join(filter(None, (
+            n.reason, "the grid is too coarse for such a posterior: take the number as "
+            "a hint")))) for n in result]
     return result
 
 
@@ -1961,10 +1972,12 @@ def _targets(hypotheses, error, rsd):
     listed = [(f"{h.name}.{p.symbol}", p) for h in hypotheses for p in h.parameters]
     for name, target in rsd.items():
         own = [(label, float(target), column) for column, (label, p) in
-               enumerate(listed) if p.free and name in (label, p.symbol)]
+               enumerate(listed) if p.free and p.mean and name in (label, p.symbol)]
         if not own or not target > 0.0:
             raise ValueError(f"RSD {target:g} of {name}: a target > 0 is needed, of "
-                             + ", ".join(label for label, p in listed if p.free))
+                             + (", ".join(label for label, p in listed
+                                          if p.free and p.mean)
+                                or "a parameter given as a range"))
         result += own
     return result
 
@@ -1999,6 +2012,8 @@ def _needed(hypotheses, time, chunk, label, target, column, seed):
 def _pace(time, curve, level):
     """How fast a variance falls over the last factor of four."""
     late = time >= time[-1] / 4.0
+    if late.sum() < 3:
+        return "so short a record tells nothing"
     power = -np.polyfit(np.log(time[late]), np.log(curve[late]), 1)[0]
     if power < 0.02:
         return "longer records hardly help"
@@ -2021,12 +2036,13 @@ def _confusion(hypotheses, chunk):
     own = chunk.hypothesis == true
     away, column = {}, sum(len(h.parameters) for h in hypotheses[:true])
     for p in hypotheses[true].parameters:
-        there, all_of = chunk.truth[own & wrong, column], chunk.truth[own, column]
+        there = chunk.truth[own & (best == chosen), column]
+        all_of = chunk.truth[own, column]
         if p.free:
             away[p.symbol] = (abs(there.mean() - all_of.mean()) / p.sd, there.mean(),
                               all_of.mean())
         column += 1
-    if away:
+    if away and max(away.values())[0] * np.sqrt(count.max()) > 2.0:
         symbol = max(away, key=away.get)
         text += (f", with {symbol} {away[symbol][1]:.3g} on average, "
                  f"{away[symbol][2]:.3g} over all trials")
@@ -2041,12 +2057,17 @@ def at_condition(hypotheses, dt, new_dt=None, sigma_v=None):
     mean over its interval. `sigma_v`, u, is the new level at the old dt.
     """
     new_dt = dt if new_dt is None else new_dt
+    deaf = [h.name for h in hypotheses
+            if "sigma_v" not in inspect.signature(h.model).parameters]
+    if sigma_v is not None and deaf:
+        raise ValueError(f"{', '.join(deaf)} takes no sigma_v that could be varied")
     factor = dict(sigma_w=np.sqrt(new_dt / dt), sigma_v=np.sqrt(dt / new_dt))
     result = []
     for h in hypotheses:
-        own = [Parameter("sigma_v", sigma_v, sigma_v)
-               if p.symbol == "sigma_v" and sigma_v is not None else p
-               for p in h.parameters]
+        own = list(h.parameters)
+        if sigma_v is not None:
+            own = [p for p in own if p.symbol != "sigma_v"]
+            own.append(Parameter("sigma_v", sigma_v, sigma_v))
         result.append(h._replace(parameters=tuple(
             p._replace(low=p.low * factor.get(p.symbol, 1.0),
                        high=p.high * factor.get(p.symbol, 1.0)) for p in own)))
@@ -2192,10 +2213,10 @@ def allan_slopes(y, dt, hypotheses):
     x, curve = np.log(tau), np.log(adev)
     slope = np.diff(curve) / np.diff(x)
     end = np.polyfit(x[-3:], curve[-3:], 1)[0]
-    nominal = dict(white_noise=-0.5, markov=0.0, random_walk=0.5)
-    if any(h.name not in nominal for h in hypotheses):
-        raise ValueError("slopes are known of " + ", ".join(nominal) + ": there are "
-                         + ", ".join(h.name for h in hypotheses))
+    nominal = {white_noise: -0.5, markov: 0.0, random_walk: 0.5}
+    if any(h.model not in nominal for h in hypotheses):
+        raise ValueError("slopes are known of white_noise, markov and random_walk "
+                         "alone, not of " + ", ".join(h.name for h in hypotheses))
 
     def line(power, segments, otherwise):
         ends = np.flatnonzero(segments)
@@ -2208,7 +2229,7 @@ def allan_slopes(y, dt, hypotheses):
     read = dict(sigma_v=line(-0.5, falls, 0) / np.sqrt(dt),
                 sigma_w=line(0.5, rises, -1) * np.sqrt(3.0 * dt),
                 tau_m=tau[top] / 1.89, sigma_m=adev[top] / (0.437 * np.sqrt(2.0)))
-    return (int(np.argmin([abs(end - nominal[h.name]) for h in hypotheses])),
+    return (int(np.argmin([abs(end - nominal[h.model]) for h in hypotheses])),
             [np.array([np.clip(read[p.symbol], p.low, p.high) for p in h.parameters])
              for h in hypotheses])
 
@@ -2242,9 +2263,10 @@ def fit_allan_variance(h, dt, tau, avar, samples):
     avar : (J,) array
         Overlapping Allan variance, u^2.
     samples : int
-        Length of the record, which sets the weights: the width of 95 % intervals with
-        the degrees of freedom of a wavelet variance (D. Percival, A. Walden, "Wavelet
-        Methods for Time Series Analysis", 2000, Sec. 8.4, the third approximation).
+        Length of the record, which sets the weights: the degrees of freedom of a
+        wavelet variance (D. Percival, A. Walden, "Wavelet Methods for Time Series
+        Analysis", 2000, Sec. 8.4, the third approximation). They are those of the
+        95 % intervals of the curve first, then those of the model so found.
 
     Returns
     -------
@@ -2257,13 +2279,17 @@ def fit_allan_variance(h, dt, tau, avar, samples):
     low, high = avar * half / gammaincinv(half, [[0.975], [0.025]])
     sd = (high - low) / (ndtri(0.975) - ndtri(0.025))
 
-    def residual(u):
-        filt = _filter_at(h, dt, _theta(h, u))
-        return (avar - model_allan_variance(filt, m)) / sd
-    u = min(_coarse(h), key=lambda u: np.sum(residual(u)**2))
-    if len(u):
-        u = least_squares(residual, u, bounds=(0.0, 1.0)).x
-    return _theta(h, u), float(np.sum(residual(u)**2))
+    def expected(u):
+        return model_allan_variance(_filter_at(h, dt, _theta(h, u)), m)
+
+    def residual(u, sd):
+        return (avar - expected(u)) / sd
+    u = min(_coarse(h), key=lambda u: np.sum(residual(u, sd)**2))
+    for step in range(2):
+        if len(u):
+            u = least_squares(residual, u, bounds=(0.0, 1.0), args=(sd,)).x
+        sd = expected(u) / np.sqrt(half)
+    return _theta(h, u), float(np.sum(residual(u, sd)**2))
 
 
 def akaike(y, dt, hypotheses):
@@ -2310,7 +2336,7 @@ def whittle(y, dt, hypotheses):
                 raise ValueError(f"{h.name} is no sum of one-state processes: "
                                  "Whittle's likelihood is of such sums alone")
             a, q = (np.diagonal(part[:, 0], 0, 1, 2) for part in (b.Phi, b.Q))
-            return _whittle(power, turn, a, q, b.r[:, 0])
+            return _whittle(power, turn, n, a, q, b.r[:, 0])
         return log_likelihoods
     fits = [_maximize(h, likelihood_of(h)) for h in hypotheses]
     return _penalized(hypotheses, fits, 2.0)
@@ -2321,15 +2347,19 @@ ALGORITHMS = dict(slopes=allan_slopes, gmwm=allan_least_squares, aic=akaike,
 
 
 @njit(**JIT)
-def _whittle(power, turn, a, q, r):
-    """Whittle log-likelihood (M,) of a periodogram of differences."""
+def _whittle(power, turn, n, a, q, r):
+    """Whittle log-likelihood (M,) of a periodogram of n differences.
+
+    Its expectation is the spectrum and, as the differences of the white noise do not
+    go around in a circle, 2 r cos(w) / n: little, but all there is at low frequencies.
+    """
     total = np.zeros(len(a))
     for node in range(len(a)):
         for j in range(len(power)):
             S = r[node]
             for s in range(a.shape[1]):
                 S += q[node, s] / ((1.0 - a[node, s])**2 + a[node, s] * turn[j])
-            S *= turn[j]
+            S = S * turn[j] + r[node] * (2.0 - turn[j]) / n
             total[node] -= np.log(S) + power[j] / S
     return total
 
@@ -2363,8 +2393,8 @@ def _maximize(h, log_likelihoods):
 
 def _coarse(h):
     """Nodes (M, d) of a coarse grid over the prior, in its quantiles."""
-    d = _free(h)
-    return (np.indices((4,) * d).reshape(d, -1).T + 0.5) / 4.0
+    return np.array(list(itertools.product((np.arange(4) + 0.5) / 4.0,
+                                           repeat=_free(h))))
 
 
 def _theta(h, u):
@@ -2416,8 +2446,10 @@ def estimation_bound(h, dt, times, trials=2000, seed=0):
                          "the bound is of uniform ones")
     stops = np.round(np.asarray(times) / dt).astype(int)
     free = [p for p in h.parameters if p.free]
+    if not free:
+        return np.empty((2, len(stops), 0))
     d, step = len(free), 1e-4
-    u = np.random.default_rng(seed).random((trials, d))
+    u = step + (1.0 - 2.0 * step) * np.random.default_rng(seed).random((trials, d))
     score = np.empty((trials, len(stops), d))
     for trial in range(trials):
         exact = h._replace(parameters=tuple(Parameter(p.symbol, v, v) for p, v in zip(
@@ -2429,23 +2461,29 @@ def estimation_bound(h, dt, times, trials=2000, seed=0):
             ll = _bank_likelihood(sums, h)
             score[trial, t] = (ll[:d] - ll[d:]) / (2.0 * step)
     gain = np.array([p.high - p.low for p in free]) / [abs(p.mean) for p in free]
-    best, best_se = np.zeros((2, len(stops), d))
-    # weights u_i (1 - u_i) times powers of all, which look where little is known
+    best = np.zeros((3, len(stops), d))
+    # weights u_i (1 - u_i) times powers of all, which look where little is known; one
+    # half of the trials chooses, the other answers
     for power in np.array(list(itertools.product((0.0, 2.0, 5.0), repeat=d))):
         tilt = np.prod(u**power, axis=1)[:, None]
         q = tilt * u * (1.0 - u)
         slope = tilt * (1.0 + power - (2.0 + power) * u)
         psi = q[:, None] * score + slope[:, None]
-        inverse = np.linalg.inv(np.einsum("lti,ltj->tij", psi, psi) / trials)
-        bound = gain * np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)) * q.mean(0)
-        # the delta method: d[J^-1] = -J^-1 dJ J^-1; q varies as well
-        pull = (np.einsum("tij,ltj->lti", inverse, psi)**2
-                / np.diagonal(inverse, axis1=1, axis2=2))
-        pull = 0.5 * pull - (q / q.mean(0))[:, None]
-        se = bound * pull.std(0, ddof=1) / np.sqrt(trials)
-        best, best_se = (np.where(bound > best, part, old)
-                         for part, old in ((bound, best), (se, best_se)))
-    return best, best_se
+        one, two = (_weighted_bound(q[half], psi[half])
+                    for half in (slice(None, trials // 2), slice(trials // 2, None)))
+        best = np.where(one[0] > best[0], (one[0], *two), best)
+    return gain * best[1], gain * best[2]
+
+
+def _weighted_bound(q, psi):
+    """E q sqrt([E{psi psi'}^-1]_ii) and its standard error, (T, d)."""
+    inverse = np.linalg.inv(np.einsum("lti,ltj->tij", psi, psi) / len(psi))
+    square = np.diagonal(inverse, axis1=1, axis2=2)
+    bound = q.mean(0) * np.sqrt(square)
+    # the delta method: d[J^-1] = -J^-1 dJ J^-1; q varies as well
+    pull = (0.5 * np.einsum("tij,ltj->lti", inverse, psi)**2 / square
+            - (q / q.mean(0))[:, None])
+    return bound, bound * pull.std(0, ddof=1) / np.sqrt(len(psi))
 
 
 # ---- 7. Gap ----------------------- why a simulated record differs from the real one
@@ -3202,7 +3240,8 @@ def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
         mean = _to_normal(start, parameters)
         at = mean[rng.integers(len(mean), size=POINTS)]
         chol = 0.05 * np.eye(d)
-        x = np.vstack([x, at + rng.standard_t(5, at.shape) @ chol])
+        x = np.vstack([x, at + rng.standard_normal(at.shape) @ chol
+                       / np.sqrt(rng.chisquare(5, (len(at), 1)) / 5)])
         parts.append((POINTS, lambda x, m=mean, c=chol: logsumexp(
             [_log_t(x, one, c) for one in m], axis=0) - np.log(len(m))))
     ll = log_likelihood(_from_normal(x, parameters))
@@ -3229,9 +3268,11 @@ def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
         curvature = np.zeros((d, d))
         for (i, j, one, two), value in zip(pairs, lp):
             curvature[i, j] -= one * two * value / (4.0 * STEP**2)
-        width, axes = np.linalg.eigh(curvature + np.tril(curvature, -1).T)
+        curvature = np.nan_to_num(curvature + np.tril(curvature, -1).T)
+        width, axes = np.linalg.eigh(curvature)
         # the prior alone curves by 1
         return mode, axes @ np.diag(1.0 / np.maximum(width, 1.0)) @ axes.T
+    climbed = []
     for attempt in range(ROUNDS):
         log_w = log_weights()
         total = logsumexp(ll, axis=1)
@@ -3244,10 +3285,11 @@ def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
             break
         if attempt in (LOST, LOST + 1) and effective < 5.0 * (d + 1):
             height = total - 0.5 * (x * x).sum(1)
-            if attempt > LOST:    # there may be a second mode
-                height[((x - mean)**2).sum(1) < 1.0] = -np.inf
-            mean, cov = climb(x[height.argmax()])
-            new = propose(mean, 1.2 * cov)
+            for mode in climbed:    # there may be a second one
+                height[((x - mode)**2).sum(1) < 1.0] = -np.inf
+            mode, cov = climb(x[height.argmax()])
+            climbed.append(mode)
+            new = propose(mode, 1.2 * cov)
         else:
             low, beta = 0.0, 1.0
             if effective < 5.0 * (d + 1):
@@ -4257,7 +4299,7 @@ def as_simulated(acc, scene, theta, widths=None):
 
 
 TRIALS = 199    # simulated records behind every p-value; half of them for a record
-LONG = 20000    # of more samples than this
+MANY = 20000    # of more samples than this
 
 
 def distance(scene, acc, trials=None, seed=0):
@@ -4268,7 +4310,7 @@ def distance(scene, acc, trials=None, seed=0):
     log-likelihood to the parameters; that is taken away instead, for all alike.
     """
     h, sample, theta = acc.hypotheses[acc.best], acc.samples[acc.best], acc.theta
-    trials = trials or (TRIALS if len(scene.y) <= LONG else TRIALS // 2)
+    trials = trials or (TRIALS if len(scene.y) <= MANY else TRIALS // 2)
     free = [c for c, p in enumerate(h.parameters) if p.free]
     symbols = [p.symbol for p in h.parameters]
     step = 0.5 * np.sqrt(sample.weight @ (sample.theta - theta)**2)
@@ -4305,7 +4347,7 @@ def distance(scene, acc, trials=None, seed=0):
         # and a telegraph's history: simulate at the parameters whose records give this
         # fit (indirect inference; C. Gourieroux, A. Monfort, E. Renault, J. Appl.
         # Econometrics 8, 1993); what the record does not tell, the prior keeps in place
-        cov = np.atleast_2d(np.cov((sample.theta / step)[:, free].T, ddof=0,
+        cov = np.atleast_2d(np.cov((sample.theta[:, free] / step[free]).T, ddof=0,
                                    aweights=sample.weight))
         for attempt in range(4):
             masked = drawn(simulator(truth), 48, seed + 100 + attempt)[1]
@@ -4578,7 +4620,10 @@ def closure(before, after):
 
 
 class HeldOut(NamedTuple):
-    """What the first two thirds of a record say of the last third."""
+    """What a fit of the first two thirds of a record says of the last third.
+
+    Which effects there are, and their onset, frequency or delay, the whole record said.
+    """
 
     gain: float           # of the log score with the effects, nats a sample
     reference: float      # of a flexible regression, nats a sample
@@ -4611,7 +4656,8 @@ def held_out(scene, start, final):
     reference = np.nan
     if early.sum() > 2 * back.shape[1] and late.any():
         c, *_ = np.linalg.lstsq(back[early], scene.y[early])
-        variance = np.mean((scene.y - back @ c)[early]**2)
+        variance = np.sum((scene.y - back @ c)[early]**2) / (
+            early.sum() - back.shape[1])
         density = -0.5 * (LOG_2PI + np.log(variance)
                           + (scene.y - back @ c)[late]**2 / variance)
         reference = float(np.mean(density - score[0][late[cut:]]))
@@ -5580,73 +5626,84 @@ def _algorithms(text):
     return {name: ALGORITHMS[name] for name in names if name}
 
 
-def _numbers_of(option, text):
-    """Name and numbers of NAME=V,V,..."""
-    name, _, values = text.partition("=")
-    try:
-        numbers = [float(v) for v in values.split(",")]
-    except ValueError:
-        numbers = []
-    if not name or not numbers or not all(0.0 < v < np.inf for v in numbers):
-        raise ValueError(f"{option} {text}: NAME=NUMBER, a number > 0, is needed")
-    return name, numbers
+def _numbers_of(option, texts, most=1000):
+    """Sorted numbers by name from texts NAME=V,V,..."""
+    result = {}
+    for text in texts:
+        name, _, values = text.rpartition("=")
+        try:
+            numbers = sorted(float(v) for v in values.split(","))
+        except ValueError:
+            numbers = []
+        if (not name or name in result or not 1 <= len(numbers) <= most
+                or not all(0.0 < v < np.inf for v in numbers)):
+            raise ValueError(f"{option} {text}: NAME=NUMBER is needed, once for each "
+                             "name, and numbers > 0")
+        result[name] = numbers
+    return result
 
 
 def _targets_command(options, model):
     """How long must be recorded: one answer, or a table over conditions."""
-    rsd = {name: values[0] for name, values in (
-        _numbers_of("--target-rsd", text) for text in options.target_rsd)}
-    design = dict(_numbers_of("--design", text) for text in options.design)
+    rsd = {name: value for name, (value, *_) in _numbers_of(
+        "--target-rsd", options.target_rsd, most=1).items()}
+    design = _numbers_of("--design", options.design)
     if set(design) - {"dt", "sigma_v"}:
         raise ValueError(f"--design {', '.join(design)}: dt and sigma_v can be varied")
     if options.algorithms:
         raise ValueError("--algorithms goes with criteria, not with a target")
-    _targets(model.hypotheses, options.target, rsd)    # refuse them before the work
     if options.plot and not design:
         raise ValueError("--plot goes with --design: a single answer is no picture")
-    plt = _matplotlib() if options.plot else None
+    conditions = [(sigma_v, *at_condition(model.hypotheses, model.dt, dt, sigma_v))
+                  for dt, sigma_v in itertools.product(design.get("dt", [None]),
+                                                       design.get("sigma_v", [None]))]
     trials = 4000 if options.trials is None else options.trials
+    for _, hypotheses, interval in conditions:    # refuse them before the work
+        _targets(hypotheses, options.target, rsd)
+        _check_trials(hypotheses, interval, options.duration, trials)
+    plt = _matplotlib() if options.plot else None
     rows = []
     print(f"shortest record [95 % interval], {trials} trials of {options.duration:g} s "
           f"at most, seed {options.seed}")
-    for dt, sigma_v in itertools.product(design.get("dt", [None]),
-                                         design.get("sigma_v", [None])):
-        hypotheses, interval = at_condition(model.hypotheses, model.dt, dt, sigma_v)
+    for sigma_v, hypotheses, interval in conditions:
         answer = record_length(hypotheses, interval, options.duration, options.target,
                                rsd, trials, options.seed,
                                checkpoint=options.checkpoint, progress=progress_bar)
         condition = f"dt {interval:g} s" + (
-            f", sigma_v {sigma_v:g} {model.unit}" if sigma_v else "")
+            f", sigma_v {sigma_v:g} {model.unit} at {model.dt:g} s" if sigma_v else "")
         for n in answer:
             rows.append(dict(dt=interval, sigma_v=sigma_v, **n._asdict()))
             found = (f"{n.duration:.4g} s [{n.interval[0]:.4g}, {n.interval[1]:.4g}]"
                      if n.duration == n.duration else
-                     f"not within {options.duration:g} s, {n.reached:.4g} there; "
-                     f"{n.reason}")
-            print(f"{condition}: {n.label} {n.target:g}: {found}", flush=True)
+                     f"not within {options.duration:g} s, {n.reached:.4g} there")
+            line = f"{condition}: {n.label} {n.target:g}: {found}"
+            print("; ".join(filter(None, (line, n.reason))), flush=True)
     if options.json:
         _write_json(options.json, dict(seed=options.seed, trials=trials, needed=rows))
     if options.csv:
         names = "dt", "sigma_v", "label", "target", "duration", "low", "high", "reached"
-        lines = [",".join("" if v is None or v != v else str(v) for v in (
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(names)
+        table.writerows(["" if v is None or v != v else v for v in (
             r["dt"], r["sigma_v"], r["label"], r["target"], r["duration"],
-            *r["interval"], r["reached"])) for r in rows]
-        text = "\n".join([",".join(names), *lines, ""])
-        _write(options.csv, lambda stream: stream.write(text.encode()))
+            *r["interval"], r["reached"])] for r in rows)
+        _write(options.csv, lambda stream: stream.write(text.getvalue().encode()))
     if plt:
         _save(_draw_design(plt, rows, options.duration, model.unit), options.plot)
 
 
 def _draw_design(plt, rows, limit, unit):
     """Needed duration against one condition, a line for each value of the other."""
-    labels = list(dict.fromkeys(r["label"] for r in rows))
+    labels = list(dict.fromkeys((r["label"], r["target"]) for r in rows))
     several = len({r["sigma_v"] for r in rows}) > 1
     x, other = ("sigma_v", "dt") if several else ("dt", "sigma_v")
     fig, axes = plt.subplots(1, len(labels), figsize=(1.0 + 4.6 * len(labels), 4.2),
                              squeeze=False)
-    for ax, label in zip(axes[0], labels):
+    for ax, (label, target) in zip(axes[0], labels):
         for number, value in enumerate(dict.fromkeys(r[other] for r in rows)):
-            own = [r for r in rows if r["label"] == label and r[other] == value]
+            own = [r for r in rows if (r["label"], r["target"], r[other]) == (
+                label, target, value)]
             at = np.array([r[x] for r in own])
             low, high = np.clip([r["interval"] for r in own], None, limit).T
             ax.plot(at, [r["duration"] for r in own], "o-", color=f"C{number}",
@@ -5658,7 +5715,7 @@ def _draw_design(plt, rows, limit, unit):
         ax.set(xscale="log", yscale="log", ylabel="needed record length, s",
                xlabel=f"white noise sigma_v, {unit}" if several else
                "sampling interval, s",
-               title=f"{label} of {own[0]['target']:g}")
+               title=f"{label} of {target:g}")
         ax.plot([], [], "k^", label=f"not within {limit:g} s")
         ax.grid(True, which="both", alpha=0.3)
         ax.legend(frameon=False)
@@ -5896,7 +5953,7 @@ def _table(d, record, unit):
                      f"{d.after.p_value:.2g}")
     if d.held_out:
         h = d.held_out
-        lines.append("the last third, by what the others say: "
+        lines.append("the last third, by a fit of the others: "
                      f"{h.gain:+.2g} nats a sample (a regression on {LAGS} samples "
                      f"and all columns: {h.reference:+.2g}); errors are "
                      f"{h.ratio_before:.3g} of what is calculated before, "

@@ -126,10 +126,11 @@ def test_what_cannot_be_reached_is_said_with_its_reason():
 @pytest.mark.parametrize("change, message", [
     (dict(), "no target is given"), (dict(error=1.5), "0 < target < 1"),
     (dict(rsd=dict(sigma_v=0.1)), "RSD 0.1 of sigma_v: a target > 0 is needed, of "),
-    (dict(rsd=dict(tau_m=0.0)), "a target > 0")])
+    (dict(rsd=dict(tau_m=0.0)), "a target > 0"),
+    (dict(rsd=dict(walk=0.1), trials=1), "a target > 0")])
 def test_senseless_targets_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
-        s.record_length(paper_case(2), 1.0, 100.0, trials=16, **change)
+        s.record_length(paper_case(2), 1.0, 100.0, **{"trials": 16, **change})
 
 
 def test_the_same_sensor_at_another_rate_has_the_same_densities():
@@ -139,3 +140,10 @@ def test_the_same_sensor_at_another_rate_has_the_same_densities():
     assert walk.parameters[0][1:3] == (0.02, 0.075)
     assert walk.parameters[1][1:3] == (1.0, 1.0)
     assert process.parameters[0][1:3] == (60.0, 1500.0)
+    quiet, _ = s.at_condition([s.hypothesis("random_walk", sigma_w=1.0)], 1.0,
+                              sigma_v=2.0)
+    assert quiet[0].parameters[-1][:3] == ("sigma_v", 2.0, 2.0)
+    deaf = s.hypothesis(lambda dt, sigma_w: s.random_walk(dt, sigma_w), "mine",
+                        sigma_w=(0.1, 1.0))
+    with pytest.raises(ValueError, match="mine takes no sigma_v"):
+        s.at_condition([deaf], 1.0, None, 2.0)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from conftest import paper_case, same
 from numpy.testing import assert_allclose
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 from statsmodels.tsa.statespace.structural import UnobservedComponents
 
 import naive
@@ -86,18 +86,20 @@ def test_lines_of_fixed_slope_give_the_published_parameters_of_navchip(real):
         assert_allclose(factor * np.prod(values)**(1 / 3), published, rtol=1e-6)
 
 
-def test_least_squares_find_the_published_white_noise_of_navchip(real):
+def test_least_squares_find_the_published_parameters_of_navchip(real):
+    """Its lines are unweighted means; least squares favour the first octaves, where
+    the curve is no line: ten and twenty per cent."""
     f = np.load(real / "smac_allan_curves.npz")
     dt = 1.0 / float(f["navchip_fs"])
     h = s.hypothesis("random_walk", prior="log", sigma_w=(1e-8, 1e-2),
                      sigma_v=(1e-6, 1.0))
-    fits = [s.fit_allan_variance(h, dt, f["navchip_tau"], row**2,
-                                 int(f["navchip_n"]))[0]
+    part = np.r_[0:6, 13:16]    # the octaves of the published lines
+    n = int(f["navchip_n"])
+    fits = [s.fit_allan_variance(h, dt, f["navchip_tau"][part], row[part]**2, n)[0]
             for row in f["navchip_adev"][3:]]
     sigma_w, sigma_v = np.exp(np.mean(np.log(fits), axis=0))
-    assert_allclose(sigma_v * np.sqrt(dt), 5.233402e-04, rtol=0.05)
-    # a line through octaves 14-16 against all octaves of three unlike axes
-    assert_allclose(sigma_w / np.sqrt(dt), 6.422082e-05, rtol=0.5)
+    assert_allclose(sigma_v * np.sqrt(dt), 5.233402e-04, rtol=0.1)
+    assert_allclose(sigma_w / np.sqrt(dt), 6.422082e-05, rtol=0.2)
 
 
 def test_least_squares_of_adis16405_are_those_of_its_published_curve(real):
@@ -119,9 +121,8 @@ def test_least_squares_of_one_variance_have_their_closed_form():
     c = (2 * m**2 + 1) / (6 * m)    # of a unit walk
     avar = 0.04 * c * np.random.default_rng(1).uniform(0.5, 2.0, 8)
     freedom = np.maximum((1000 - 2 * m + 1) / (2 * m), 1.0)
-    width = avar * freedom * (1 / chi2.ppf(0.025, freedom)
-                              - 1 / chi2.ppf(0.975, freedom))
-    expected = np.sum(c * avar / width**2) / np.sum(c * c / width**2)
+    # of the model, the variance of an Allan variance is proportional to c^2 / freedom
+    expected = np.sum(freedom * avar / c) / np.sum(freedom)
     (sigma_w,), _ = s.fit_allan_variance(h, 1.0, m, avar, 1000)
     assert_allclose(sigma_w**2, expected, rtol=1e-5)
 
@@ -132,6 +133,23 @@ def test_whittle_likelihood_of_a_walk_is_that_of_white_differences():
     power = np.abs(np.fft.fft(np.diff(y)))[1:500]**2 / 1000
     _, ((sigma_w,),) = s.whittle(y, 1.0, (h,))
     assert_allclose(sigma_w, np.sqrt(power.mean()), atol=1e-3)
+
+
+def test_whittle_sees_no_walk_in_white_noise():
+    H = (s.hypothesis("white_noise", sigma_v=(0.1, 2.0)),
+         s.hypothesis("random_walk", sigma_w=(0.0, 1.0), sigma_v=(0.1, 2.0)))
+    y = s.simulate(H[:1], 1.0, 4000, 40, seed=5).error
+    walks = sum(s.whittle(row, 1.0, H)[0] for row in y)
+    # AIC: twice the gain is chi2 of one parameter, at its lower end half of the time
+    assert walks <= binom.ppf(0.999, 40, 0.5 * chi2.sf(2.0, 1))
+
+
+def test_fixed_hypotheses_have_nothing_to_estimate():
+    H = (s.hypothesis("white_noise", sigma_v=1.0),
+         s.hypothesis("random_walk", sigma_w=0.5, sigma_v=1.0))
+    c = s.criteria(H, 1.0, 200.0, 32, algorithms=s.ALGORITHMS)
+    assert all(r.error_probability[-1] < 0.5 for r in c.rivals.values())
+    assert s.estimation_bound(H[0], 1.0, [10.0])[0].shape == (1, 0)
 
 
 def test_maximum_likelihood_is_that_of_statsmodels():
@@ -214,7 +232,7 @@ def test_bound_of_the_variance_of_white_noise_has_its_closed_form():
         best = max(best, (high - low) * np.mean(q) / np.sqrt(J))
     bound, se = s.estimation_bound(h, 1.0, [n], trials=3000, seed=1)
     assert abs(bound[0, 0] - best) < 4.0 * se[0, 0]
-    assert se[0, 0] < 0.05 * best
+    assert se[0, 0] < 0.06 * best
 
 
 def test_the_bound_lies_below_the_bayesian_rsd():

@@ -92,6 +92,8 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("criteria m.json --duration 50 --target 2", "0 < target < 1"),
     ("criteria m.json --duration 50 --target-rsd tau_m", "NAME"),
     ("criteria m.json --duration 50 --target 0.1 --design x=1", "dt and sigma_v"),
+    ("criteria m.json --duration 50 --target 0.1 --design dt=1 --design dt=2", "once"),
+    ("criteria m.json --duration 8 --target 0.1 --design dt=1,20", "0 < dt <= dur"),
     ("criteria m.json --duration 50 --csv t.csv", "--csv goes with --target"),
     ("criteria m.json --duration 50 --algorithms magic", "choose from slopes"),
     ("criteria m.json --duration 50 --target 0.1 --plot t.png", "goes with --design"),
