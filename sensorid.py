@@ -2384,11 +2384,16 @@ def _maximize(h, log_likelihoods):
     u = nodes[int(np.argmax(ll))]
     if not len(u):
         return _theta(h, u), float(ll[0])
-    # Nelder and Mead's simplex; 1e-4 of a range is far below any standard deviation
-    best = minimize(lambda u: -log_likelihoods(_theta(h, u)[None])[0], u,
-                    method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(u),
-                    options=dict(xatol=1e-4, fatol=1e-3))
-    return _theta(h, best.x), -float(best.fun)
+
+    def inside(u):
+        """Mirrored at the ends of the ranges: a simplex may not collapse onto one."""
+        return 1.0 - np.abs(1.0 - u % 2.0)
+    # 1e-4 of a range is far below any standard deviation
+    best = minimize(lambda u: -log_likelihoods(_theta(h, inside(u))[None])[0], u,
+                    method="Nelder-Mead", options=dict(
+                        xatol=1e-4, fatol=1e-3,
+                        initial_simplex=u + np.vstack([0.0 * u, 0.1 * np.eye(len(u))])))
+    return _theta(h, inside(best.x)), -float(best.fun)
 
 
 def _coarse(h):

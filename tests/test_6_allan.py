@@ -152,6 +152,16 @@ def test_fixed_hypotheses_have_nothing_to_estimate():
     assert s.estimation_bound(H[0], 1.0, [10.0])[0].shape == (1, 0)
 
 
+def test_maximum_likelihood_near_a_bound_is_not_on_it():
+    h = s.hypothesis("random_walk", sigma_w=(0.04, 0.15))
+    near = s.hypothesis("random_walk", sigma_w=0.148)
+    for y in s.simulate([near], 0.1, 20000, 10, seed=6).error:
+        step = np.diff(y)
+        for algorithm in (s.akaike, s.whittle):
+            _, ((sigma_w,),) = algorithm(y, 0.1, (h,))
+            assert_allclose(sigma_w, min(np.sqrt(np.mean(step**2)), 0.15), atol=5e-5)
+
+
 def test_maximum_likelihood_is_that_of_statsmodels():
     h = s.hypothesis("random_walk", bias_sigma=1e3, sigma_w=(0.01, 1.0),
                      sigma_v=(0.1, 2.0))
