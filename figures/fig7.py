@@ -5,11 +5,12 @@ import matplotlib.pyplot as plt
 
 import figures
 from figures import suboptimal
+from figures.fig5 import CASES
 
 
 def main():
     fig, axes = plt.subplots(2, 3, figsize=(12.0, 6.6), sharex=True, sharey="row")
-    for (top, bottom), (number, name) in zip(axes.T, suboptimal.CASES.items()):
+    for (top, bottom), (number, name) in zip(axes.T, CASES.items()):
         c, _, _ = suboptimal.compute(number)
         figures.draw_pair(top, c.time, c.error_probability, "black", "Bayesian")
         for k, (key, r) in enumerate(c.rivals.items()):

@@ -6,6 +6,7 @@ import matplotlib.pyplot as plt
 
 import figures
 from figures import suboptimal
+from figures.fig5 import CASES
 
 SHOWN = {"random_walk.sigma_w": r"random walk, $\sigma_w$",
          "markov.tau_m": r"Markov, $\tau_m$", "markov.sigma_m": r"Markov, $\sigma_m$",
@@ -15,7 +16,7 @@ SHOWN = {"random_walk.sigma_w": r"random walk, $\sigma_w$",
 def main():
     fig, axes = plt.subplots(6, 4, figsize=(15.0, 13.0), sharex=True,
                              height_ratios=[2, 1] * 3)
-    for row, (number, name) in enumerate(suboptimal.CASES.items()):
+    for row, (number, name) in enumerate(CASES.items()):
         c, bound, bound_se = suboptimal.compute(number)
         for column, (key, symbol) in enumerate(SHOWN.items()):
             top, bottom = axes[2 * row:2 * row + 2, column]

@@ -10,8 +10,6 @@ import numpy as np
 import figures
 import sensorid
 
-CASES = {1: "no white noise", 2: r"$\sigma_v$ = 0.5 u known",
-         3: r"$\sigma_v \in$ [0.25, 1] u unknown"}
 NAMES = dict(slopes="Allan slopes", gmwm="Allan least squares (GMWM)", aic="ML, AIC",
              bic="ML, BIC", whittle="Whittle, AIC")
 
