@@ -201,6 +201,20 @@ class Parameter(NamedTuple):
         return (self.high - self.low) / np.sqrt(12.0)
 
 
+def free_columns(parameters):
+    """Columns of the parameters that are not fixed."""
+    return [c for c, p in enumerate(parameters) if p.free]
+
+
+def at_quantiles(parameters, u):
+    """Parameters (..., p) at the prior quantiles u (..., d) of the free ones."""
+    theta = np.empty((*np.shape(u)[:-1], len(parameters)))
+    theta[:] = [p.low for p in parameters]
+    for axis, column in enumerate(free_columns(parameters)):
+        theta[..., column] = parameters[column].quantile(np.asarray(u)[..., axis])
+    return theta
+
+
 class Hypothesis(NamedTuple):
     """A structure of the error model with the prior of its parameters,
     see `hypothesis`.
@@ -574,7 +588,7 @@ def uniform_grid(h, dt, nodes):
 
     Takes and returns what `grid` does; nothing is integrated in closed form.
     """
-    free = [c for c, p in enumerate(h.parameters) if p.free]
+    free = free_columns(h.parameters)
     axes = [np.linspace(h.parameters[c].low, h.parameters[c].high, nodes) for c in free]
     z = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(free))
     theta = np.array([p.high for p in h.parameters]) * np.ones((len(z), 1))
@@ -2245,7 +2259,8 @@ def allan_least_squares(y, dt, hypotheses):
     tau, adev = allan_deviation(y, dt)
     fits = [fit_allan_variance(h, dt, tau, adev**2, np.sum(~np.isnan(y)))
             for h in hypotheses]
-    costs = [cost + 2.0 * _free(h) for h, (_, cost) in zip(hypotheses, fits)]
+    costs = [cost + 2.0 * len(free_columns(h.parameters))
+             for h, (_, cost) in zip(hypotheses, fits)]
     return int(np.argmin(costs)), [theta for theta, _ in fits]
 
 
@@ -2280,7 +2295,7 @@ def fit_allan_variance(h, dt, tau, avar, samples):
     sd = (high - low) / (ndtri(0.975) - ndtri(0.025))
 
     def expected(u):
-        return model_allan_variance(_filter_at(h, dt, _theta(h, u)), m)
+        return model_allan_variance(_filter_at(h, dt, at_quantiles(h.parameters, u)), m)
 
     def residual(u, sd):
         return (avar - expected(u)) / sd
@@ -2289,7 +2304,7 @@ def fit_allan_variance(h, dt, tau, avar, samples):
         if len(u):
             u = least_squares(residual, u, bounds=(0.0, 1.0), args=(sd,)).x
         sd = expected(u) / np.sqrt(half)
-    return _theta(h, u), float(np.sum(residual(u, sd)**2))
+    return at_quantiles(h.parameters, u), float(np.sum(residual(u, sd)**2))
 
 
 def akaike(y, dt, hypotheses):
@@ -2372,44 +2387,33 @@ def _bank_likelihood(sums, h):
 
 def _penalized(hypotheses, fits, penalty):
     """The choice by likelihood, less half a penalty per free parameter."""
-    return (int(np.argmax([2.0 * top - penalty * _free(h)
+    return (int(np.argmax([2.0 * top - penalty * len(free_columns(h.parameters))
                            for h, (_, top) in zip(hypotheses, fits)])),
             [theta for theta, _ in fits])
 
 
 def _maximize(h, log_likelihoods):
     """Parameters (p,) in their ranges where a function of nodes (M, p) is largest."""
-    nodes = _coarse(h)
-    ll = log_likelihoods(np.array([_theta(h, u) for u in nodes]))
-    u = nodes[int(np.argmax(ll))]
-    if not len(u):
-        return _theta(h, u), float(ll[0])
-
     def inside(u):
         """Mirrored at the ends of the ranges: a simplex may not collapse onto one."""
-        return 1.0 - np.abs(1.0 - u % 2.0)
+        return at_quantiles(h.parameters, 1.0 - np.abs(1.0 - u % 2.0))
+    nodes = _coarse(h)
+    ll = log_likelihoods(inside(nodes))
+    u = nodes[int(np.argmax(ll))]
+    if not len(u):
+        return inside(u), float(ll[0])
     # 1e-4 of a range is far below any standard deviation
-    best = minimize(lambda u: -log_likelihoods(_theta(h, inside(u))[None])[0], u,
+    best = minimize(lambda u: -log_likelihoods(inside(u)[None])[0], u,
                     method="Nelder-Mead", options=dict(
                         xatol=1e-4, fatol=1e-3,
                         initial_simplex=u + np.vstack([0.0 * u, 0.1 * np.eye(len(u))])))
-    return _theta(h, inside(best.x)), -float(best.fun)
+    return inside(best.x), -float(best.fun)
 
 
 def _coarse(h):
     """Nodes (M, d) of a coarse grid over the prior, in its quantiles."""
     return np.array(list(itertools.product((np.arange(4) + 0.5) / 4.0,
-                                           repeat=_free(h))))
-
-
-def _theta(h, u):
-    """Parameters (p,) at quantiles (d,) of those that are free."""
-    u = iter(u)
-    return np.array([p.quantile(next(u)) if p.free else p.low for p in h.parameters])
-
-
-def _free(h):
-    return sum(p.free for p in h.parameters)
+                                           repeat=len(free_columns(h.parameters)))))
 
 
 # ---- what no algorithm can do better
@@ -2458,10 +2462,10 @@ def estimation_bound(h, dt, times, trials=2000, seed=0):
     score = np.empty((trials, len(stops), d))
     for trial in range(trials):
         exact = h._replace(parameters=tuple(Parameter(p.symbol, v, v) for p, v in zip(
-            h.parameters, _theta(h, u[trial]))))
+            h.parameters, at_quantiles(h.parameters, u[trial]))))
         y = simulate([exact], dt, int(stops[-1]), 1, seed, trial).error
         around = u[trial] + step * np.vstack([np.eye(d), -np.eye(d)])
-        b = bank(h, dt, [_theta(h, node) for node in around])
+        b = bank(h, dt, at_quantiles(h.parameters, around))
         for t, sums in enumerate(filter_bank(b, y, stops)):
             ll = _bank_likelihood(sums, h)
             score[trial, t] = (ll[:d] - ll[d:]) / (2.0 * step)
@@ -2505,6 +2509,7 @@ def _weighted_bound(q, psi):
 
 BLOCK = 10**6    # samples of simulated records that are worked on at a time: 100 MB
 NODE_BLOCK = 8 * BLOCK    # the same for one record at many nodes; few leave cores idle
+
 
 class Scene(NamedTuple):
     """A record and what was recorded beside it."""
@@ -2715,6 +2720,9 @@ def _spread(scene):
 
 # ---- the catalogue
 
+CYCLES = 3    # in a record, of a sinusoid at least: slow noise shows fewer by itself
+              # (S. Krishnan et al., Mon. Not. R. Astron. Soc. 508, 2021)
+
 CATALOGUE = {effect.name: effect for effect in (
     Effect("rate_ramp", "signature", _none, _from_start, "slope",
            resembles="random walk, slow transient",
@@ -2728,7 +2736,7 @@ CATALOGUE = {effect.name: effect for effect in (
            "size", resembles="rate ramp, temperature",
            experiment="switch off, cool down and on again: it returns"),
     Effect("sinusoid", "signature",
-           lambda s: (Parameter("frequency", 1.5 / s.duration, 0.5 / s.dt),),
+           lambda s: (Parameter("frequency", CYCLES / s.duration, 0.5 / s.dt),),
            _sinusoid, "amplitude", resembles="correlated noise of long period",
            experiment="damp vibration; an alias moves with the sampling rate"),
     Effect("temperature", "signature", _none, _linear, "coefficient", "temperature",
@@ -2904,9 +2912,9 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
 
     H (N, n) observes n independent processes with factors a, noise variances q and
     prior variances p0; r (1 or N,). outlier = rate, variance; jump = probability of a
-    change of level, half the distance of the levels (0: one level). out (4, N or 0)
-    gets of every sample the predictive probabilities below and above it, that of its
-    being an outlier, and its log density.
+    change of level, half the distance of the levels (0: one level). out gets, in four
+    rows of N, of every sample the predictive probabilities below and above it, that of
+    its being an outlier, and its log density; in one row the last of these.
 
     One Gaussian per level is kept (interacting multiple models; Blom and Bar-Shalom,
     "The interacting multiple model algorithm", IEEE Trans. Autom. Control 33, 1988).
@@ -2919,7 +2927,7 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
     weight, prior = np.full(levels, 1.0 / levels), np.full(levels, 1.0 / levels)
     Ph = np.zeros((levels, n))
     log_term, f = np.zeros((levels, 2)), np.zeros((levels, 2))
-    total = 0.0
+    total, whole = 0.0, len(out) == 4
     for level in range(levels):
         for s in range(n):
             P[level, s, s] = p0[s]
@@ -2972,7 +2980,7 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
                 log_term[level, kind] = (np.log(share) - 0.5 * (
                     LOG_2PI + np.log(f[level, kind]) + nu * nu / f[level, kind]))
                 best = max(best, log_term[level, kind])
-                if out.size:
+                if whole:
                     e = nu / np.sqrt(2.0 * f[level, kind])
                     below += 0.5 * share * math.erfc(-e)
                     above += 0.5 * share * math.erfc(e)
@@ -2982,16 +2990,17 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
                 log_term[level, kind] = np.exp(log_term[level, kind] - best)
                 mass += log_term[level, kind]
         total += best + np.log(mass)
-        if out.size:
-            out[0, i], out[1, i] = below, above
-            out[2, i], out[3, i] = 0.0, best + np.log(mass)
+        if len(out):
+            out[-1, i] = best + np.log(mass)
+        if whole:
+            out[0, i], out[1, i], out[2, i] = below, above, 0.0
         for level in range(levels):
             nu, own = mx[level, 0], log_term[level, 0]
             if kinds == 2:
                 own += log_term[level, 1]
             weight[level] = max(own / mass, 1e-12)
             wild = log_term[level, 1] / own if kinds == 2 and own > 0.0 else 0.0
-            if out.size:
+            if whole:
                 out[2, i] += weight[level] * wild
             k0, k1 = 1.0 / f[level, 0], 0.0
             if kinds == 2:
@@ -3072,19 +3081,34 @@ class Predicted(NamedTuple):
     log_score: np.ndarray         # (R, M, N) ln of the predictive density
 
 
-def predict(h, y, dt, signatures, theta, samples=True):
-    """`Predicted` of records y (R, N); without `samples` the log-likelihood alone."""
-    v = _nodes(h, dt, theta)
+def _with_constants(h, scene, signatures, theta):
+    """`Nodes` with the bias and the sizes of signatures as further processes, and what
+    observes them, (N, n).
+    """
+    v = _nodes(h, scene.dt, theta)
     S = [s.columns for s in signatures]
-    M, N = len(theta), y.shape[1]
-    k = 1 + sum(s.shape[1] for s in S)
-    H = np.column_stack([np.ones((N, v.a.shape[1] + 1)), *S])
+    k, M = 1 + sum(s.shape[1] for s in S), len(theta)
+    H = np.column_stack([np.ones((len(scene.y), v.a.shape[1] + 1)), *S])
     sd = np.concatenate([[h.bias_sigma],
                          *(np.full(s.columns.shape[1], s.sd) for s in signatures)])
-    out = np.full((len(y), M, 4, N if samples else 0), np.nan)
-    total = _mixture_filters(
-        y, H, np.hstack([v.a, np.ones((M, k))]), np.hstack([v.q, np.zeros((M, k))]),
-        np.hstack([v.p0, np.tile(sd**2, (M, 1))]), v.r, v.outlier, v.jump, out)
+    return v._replace(a=np.hstack([v.a, np.ones((M, k))]),
+                      q=np.hstack([v.q, np.zeros((M, k))]),
+                      p0=np.hstack([v.p0, np.tile(sd**2, (M, 1))])), H
+
+
+def _filtered(h, scene, signatures, theta, y, rows):
+    """Log-likelihoods (R, M) of records y (R, N) like that of the scene, and what
+    `_mixture_filter` writes of their samples, (R, M, rows, N).
+    """
+    v, H = _with_constants(h, scene, signatures, theta)
+    out = np.full((len(y), len(theta), rows, y.shape[1]), np.nan)
+    return _mixture_filters(y, H, v.a, v.q, v.p0, v.r, v.outlier, v.jump, out), out
+
+
+def predict(h, scene, signatures, theta, y=None):
+    """`Predicted` of the record of a scene, or of others like it, y (R, N)."""
+    total, out = _filtered(h, scene, signatures, theta,
+                           scene.y[None] if y is None else y, 4)
     below, above = out[:, :, 0], out[:, :, 1]
     with np.errstate(divide="ignore"):
         z = np.where(below < above, ndtri(below), -ndtri(above))
@@ -3099,8 +3123,7 @@ def _has_jumps(h):
 def _log_likelihoods(h, scene, signatures, theta):
     """ln f(Y / theta) (M,): through the bank, unless there are jumps."""
     if _has_jumps(h):
-        return predict(h, scene.y[None], scene.dt, signatures, theta,
-                       samples=False).log_likelihood[0]
+        return _filtered(h, scene, signatures, theta, scene.y[None], 0)[0][0]
     gram = _gram(h, scene, [scene.y, *(c for s in signatures for c in s.columns.T)],
                  theta)
     variance = np.concatenate([
@@ -3111,6 +3134,83 @@ def _log_likelihoods(h, scene, signatures, theta):
     explained = (b[:, None] @ np.linalg.solve(A, b[..., None]))[:, 0, 0]
     return -0.5 * (gram.count * LOG_2PI + gram.log_det + np.log(variance).sum()
                    + np.linalg.slogdet(A)[1] + gram.products[:, 0, 0] - explained)
+
+
+STRAY = 0.1     # probability of an onset anywhere at all, in `onset_law`
+WILD = 25.0     # squared standard score from which on a sample may be an outlier
+
+
+@njit(parallel=True, **JIT)
+def _draw_onsets(y, H, a, q, p0, r, ratio, u):
+    """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
+    the log of their density over 1 / N.
+
+    The filter of the early noise, of variance r (M,), up to a sample and that of the
+    late one, of variance r ratio^2, from there on nearly give the likelihood of every
+    onset 1 ... N - 1 at once.
+    """
+    M, n, N = len(a), a.shape[1], len(y)
+    onset, density = np.empty(M), np.empty(M)
+    for node in prange(M):
+        gain = np.zeros(N)
+        P, x, Ph = np.empty((n, n)), np.empty(n), np.empty(n)
+        for late in range(2):
+            variance = r[node] * (ratio[node]**2 if late else 1.0)
+            P[:], x[:] = 0.0, 0.0
+            for s in range(n):
+                P[s, s] = p0[node, s]
+            for i in range(N):
+                f, nu = variance, y[i]
+                for s in range(n):
+                    x[s] *= a[node, s]
+                    nu -= H[i, s] * x[s]
+                    Ph[s] = q[node, s] * H[i, s]
+                    for t in range(n):
+                        P[s, t] *= a[node, s] * a[node, t]
+                        Ph[s] += P[s, t] * H[i, t]
+                    P[s, s] += q[node, s]
+                    f += H[i, s] * Ph[s]
+                if np.isnan(nu):
+                    continue
+                square = nu * nu / f
+                gain[i] += (late - 0.5) * (np.log(f) + min(square, WILD))
+                if square < WILD:
+                    for s in range(n):
+                        x[s] += Ph[s] * nu / f
+                        for t in range(n):
+                            P[s, t] -= Ph[s] * Ph[t] / f
+        gain = np.cumsum(gain)[:N - 1]
+        mass = np.exp(gain - gain.max())
+        mass = (1.0 - STRAY) / mass.sum() * mass + STRAY / (N - 1)
+        k, rest = 0, u[node]
+        while k < N - 2 and rest > mass[k]:
+            rest -= mass[k]
+            k += 1
+        onset[node] = k + min(max(rest / mass[k], 1e-6), 1.0)
+        density[node] = np.log(mass[k] * (N - 1))
+    return onset, density
+
+
+def onset_law(h, scene, signatures):
+    """How `integrate` draws the onset of a change of noise; None if there is none."""
+    symbols = [p.symbol for p in h.parameters]
+    if "noise_step.onset" not in symbols:
+        return None
+    at = symbols.index("noise_step.onset")
+    low, high = h.parameters[at].low, h.parameters[at].high
+
+    def moved(theta):
+        """Theta with its onset at the quantile of that law that it has in the prior."""
+        early = theta.copy()
+        early[:, at] = scene.duration
+        v, H = _with_constants(h, scene, signatures, early)
+        onset, density = _draw_onsets(
+            scene.y, H, v.a, v.q, v.p0, v.r[:, 0], _value(h, theta, "noise_step.ratio"),
+            (theta[:, at] - low) / (high - low))
+        theta = theta.copy()
+        theta[:, at] = onset * scene.dt
+        return theta, -density
+    return moved
 
 
 class Gram(NamedTuple):
@@ -3145,6 +3245,7 @@ class Sample(NamedTuple):
     """A weighted sample of a posterior."""
 
     theta: np.ndarray           # (M, p)
+    x: np.ndarray               # (M, d) the coordinates of `integrate`
     log_weight: np.ndarray      # (M,) ln prior / proposal
     log_likelihood: np.ndarray  # (M, E), of E rival explanations
     log_evidence: np.ndarray    # (E,)
@@ -3161,28 +3262,9 @@ POINTS = 48       # of a round
 ROUNDS = 18       # at most
 ENOUGH = 60.0     # effective points at which the evidence is good to 0.13 nat
 LOST = 4          # rounds after which a mode is climbed if none has been found
-STEP = 2e-3       # of numerical derivatives, in standard deviations of the prior
-
-
-def _from_normal(x, parameters):
-    """Parameters at standard normal coordinates; their prior is N(0, I) there."""
-    theta = np.empty((len(x), len(parameters)))
-    axis = 0
-    for column, p in enumerate(parameters):
-        if p.free:
-            theta[:, column] = p.quantile(ndtr(x[:, axis]))
-            axis += 1
-        else:
-            theta[:, column] = p.low
-    return theta
-
-
-def _to_normal(theta, parameters):
-    """The inverse of `_from_normal`, kept within five standard deviations."""
-    u = [np.log(theta[:, c] / p.low) / np.log(p.high / p.low) if p.log
-         else (theta[:, c] - p.low) / (p.high - p.low)
-         for c, p in enumerate(parameters) if p.free]
-    return ndtri(np.clip(np.column_stack(u), 3e-7, 1 - 3e-7))
+STEP = 1e-2       # of numerical derivatives, in standard deviations of the prior: wide
+                  # enough to pass over the roughness that a mixture filter has
+HOPELESS = 7.0    # nats below a rival: what the mean evidence would not notice
 
 
 def _log_t(x, mean, chol, nu=5.0):
@@ -3195,7 +3277,8 @@ def _log_t(x, mean, chol, nu=5.0):
             - 0.5 * d * np.log(nu * np.pi))
 
 
-def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
+def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
+              seed=0):
     """Evidence and posterior sample by adaptive multiple importance sampling.
 
     Parameters
@@ -3206,8 +3289,11 @@ def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
     guess : (k,) and (k, k) array, optional
         Mean and covariance that the first k free parameters may have, in the
         coordinates where the prior is standard normal.
-    start : (m, p) array, optional
-        Places where mass is suspected.
+    move : function of theta (M, p), optional
+        Gives theta mapped to where the mass is, and the log of the prior density there
+        over that of what is mapped, (M,).
+    floor : float
+        An evidence this low need not be known well.
     seed : int
 
     Returns
@@ -3220,11 +3306,20 @@ def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
     sampling", Scand. J. Stat. 39, 2012. Coordinates in which the prior is N(0, I) have
     no edges. Early proposals follow the tempered posterior.
     """
-    d = sum(p.free for p in parameters)
+    def located(x):
+        theta, moved = at_quantiles(parameters, ndtr(x)), np.zeros(len(x))
+        if move is not None:
+            theta, moved = move(theta)
+        return theta, moved, log_likelihood(theta)
+
+    def log_posterior(x):
+        _, moved, ll = located(x)
+        return logsumexp(ll, axis=1) + moved - 0.5 * (x * x).sum(1)
+    d = len(free_columns(parameters))
     if d == 0:
-        theta = _from_normal(np.zeros((1, 0)), parameters)
-        ll = log_likelihood(theta)
-        return Sample(theta, np.zeros(1), ll, ll[0])
+        x = np.zeros((1, 0))
+        theta, moved, ll = located(x)
+        return Sample(theta, x, moved, ll, ll[0])
     rng = np.random.default_rng(seed)
     # Latin hypercube of the prior
     strata = np.array([rng.permutation(POINTS) for _ in range(d)]).T
@@ -3232,51 +3327,20 @@ def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
     parts = [(POINTS, lambda x: -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI)]
 
     def propose(mean, cov):
-        chol = np.linalg.cholesky(cov + 1e-12 * np.eye(d))
+        chol = np.linalg.cholesky(1.2 * cov + 1e-12 * np.eye(d))
         parts.append((POINTS, lambda x: _log_t(x, mean, chol)))
         return mean + (rng.standard_normal((POINTS, d)) @ chol.T
                        / np.sqrt(rng.chisquare(5, (POINTS, 1)) / 5))
-    if guess is not None:
-        k = len(guess[0])
-        mean, cov = np.zeros(d), np.eye(d)
-        mean[:k], cov[:k, :k] = guess[0], 1.2 * guess[1]
-        x = np.vstack([x, propose(mean, cov)])
-    if start is not None and len(start):
-        mean = _to_normal(start, parameters)
-        at = mean[rng.integers(len(mean), size=POINTS)]
-        chol = 0.05 * np.eye(d)
-        x = np.vstack([x, at + rng.standard_normal(at.shape) @ chol
-                       / np.sqrt(rng.chisquare(5, (len(at), 1)) / 5)])
-        parts.append((POINTS, lambda x, m=mean, c=chol: logsumexp(
-            [_log_t(x, one, c) for one in m], axis=0) - np.log(len(m))))
-    ll = log_likelihood(_from_normal(x, parameters))
 
     def log_weights():
         log_q = logsumexp([np.log(n) + density(x) for n, density in parts], axis=0)
-        return -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI - log_q
-    def climb(x):
-        """Mode of the posterior uphill from x, and its curvature."""
-        def batch(nodes):
-            return (logsumexp(log_likelihood(_from_normal(nodes, parameters)), axis=1)
-                    - 0.5 * (nodes * nodes).sum(1))
-
-        def downhill(x):
-            lp = batch(x + np.vstack([np.zeros(d), shift, -shift]))
-            return -lp[0], (lp[1 + d:] - lp[1:1 + d]) / (2.0 * STEP)
-        shift = STEP * np.eye(d)
-        mode = minimize(downhill, x, jac=True, method="BFGS",
-                        options=dict(maxiter=60, gtol=0.1)).x
-        pairs = [(i, j, one, two) for i in range(d) for j in range(i + 1)
-                 for one in (1, -1) for two in (1, -1)]
-        lp = batch(np.array([mode + one * shift[i] + two * shift[j]
-                             for i, j, one, two in pairs]))
-        curvature = np.zeros((d, d))
-        for (i, j, one, two), value in zip(pairs, lp):
-            curvature[i, j] -= one * two * value / (4.0 * STEP**2)
-        curvature = np.nan_to_num(curvature + np.tril(curvature, -1).T)
-        width, axes = np.linalg.eigh(curvature)
-        # the prior alone curves by 1
-        return mode, axes @ np.diag(1.0 / np.maximum(width, 1.0)) @ axes.T
+        return moved - 0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI - log_q
+    if guess is not None:
+        k = len(guess[0])
+        mean, cov = np.zeros(d), np.eye(d)
+        mean[:k], cov[:k, :k] = guess
+        x = np.vstack([x, propose(mean, cov)])
+    theta, moved, ll = located(x)
     climbed = []
     for attempt in range(ROUNDS):
         log_w = log_weights()
@@ -3286,30 +3350,67 @@ def integrate(log_likelihood, parameters, guess=None, start=None, seed=0):
             w = np.exp(beta * (total - total.max()) + log_w - log_w.max())
             return w / w.sum(), w.sum()**2 / (w @ w)
         w, effective = tempered(1.0)
-        if effective >= ENOUGH:
+        found = effective >= 5.0 * (d + 1)
+        if effective >= ENOUGH or (found or len(climbed) == 2) and (
+                logsumexp(total + log_w) < floor - HOPELESS):
             break
-        if attempt in (LOST, LOST + 1) and effective < 5.0 * (d + 1):
-            height = total - 0.5 * (x * x).sum(1)
-            for mode in climbed:    # there may be a second one
+        if attempt in (LOST, LOST + 1) and not found:
+            height = total + moved - 0.5 * (x * x).sum(1)
+            for mode, _ in climbed:    # there may be a second one
                 height[((x - mode)**2).sum(1) < 1.0] = -np.inf
-            mode, cov = climb(x[height.argmax()])
-            climbed.append(mode)
-            new = propose(mode, 1.2 * cov)
+            climbed.append(climb(log_posterior, x[height.argmax()]))
+            new = propose(*climbed[-1])
         else:
             low, beta = 0.0, 1.0
-            if effective < 5.0 * (d + 1):
+            if not found and not climbed:
                 for _ in range(30):
                     middle = 0.5 * (low + beta)
                     low, beta = ((middle, beta) if tempered(middle)[1] > 5.0 * (d + 1)
                                  else (low, middle))
                 w = tempered(low)[0]
-            mean = w @ x
-            new = propose(mean, 1.2 * np.atleast_2d(np.cov(x.T, aweights=w, ddof=0)))
+            mean, cov = w @ x, np.atleast_2d(np.cov(x.T, aweights=w, ddof=0))
+            if not found and climbed:    # few points tell little of their own spread
+                near = min(climbed, key=lambda m: ((m[0] - mean)**2).sum())
+                cov = (effective * cov + (d + 1) * near[1]) / (effective + d + 1)
+            new = propose(mean, cov)
         x = np.vstack([x, new])
-        ll = np.vstack([ll, log_likelihood(_from_normal(new, parameters))])
+        theta, moved, ll = (np.concatenate(pair) for pair in zip(
+            (theta, moved, ll), located(new)))
     log_w = log_weights()
-    return Sample(_from_normal(x, parameters), log_w, ll,
-                  logsumexp(ll + log_w[:, None], axis=0))
+    return Sample(theta, x, log_w, ll, logsumexp(ll + log_w[:, None], axis=0))
+
+
+CLIMB = 12    # steps at most
+DAMPING = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 13)])
+
+
+def climb(log_posterior, x):
+    """Mode (d,) uphill from x, and the covariance (d, d) of the normal law there.
+
+    Newton's steps, each of them at several dampings at once (D. Marquardt, J. SIAM 11,
+    1963); `log_posterior` takes (M, d), its prior is N(0, I).
+    """
+    d = len(x)
+    shift = STEP * np.eye(d)
+    pairs = [(i, j) for i in range(d) for j in range(i)]
+    stencil = np.vstack([np.zeros((1, d)), shift, -shift, *(
+        [one * shift[i] + two * shift[j] for one in (1, -1) for two in (1, -1)]
+        for i, j in pairs)])
+    for _ in range(CLIMB):
+        lp = log_posterior(x + stencil)
+        up, down, cross = lp[1:1 + d], lp[1 + d:1 + 2 * d], lp[1 + 2 * d:]
+        curvature = np.diag(2.0 * lp[0] - up - down)
+        for (i, j), (a, b, c, e) in zip(pairs, cross.reshape(-1, 4)):
+            curvature[i, j] = curvature[j, i] = 0.25 * (b + c - a - e)
+        width, axes = np.linalg.eigh(curvature / STEP**2)
+        width = np.maximum(np.abs(width), 1.0)    # the prior alone curves by 1
+        slope = axes.T @ (up - down) / (2.0 * STEP)
+        tries = x + (slope / (width + DAMPING[:, None])) @ axes.T
+        height = log_posterior(tries)
+        if height.max() < lp[0] + 0.1:
+            break
+        x = tries[height.argmax()]
+    return x, axes @ np.diag(1.0 / width) @ axes.T
 
 
 # ---- signatures: one backward pass serves all of them
@@ -3376,22 +3477,30 @@ def _adjoint(y, observed, a, q, p0, r):
     return w, steps, log_det
 
 
-SIZES = 4.0**np.arange(1, 9)    # prior variances of a size, in its sampling variance:
-                                # 2 to 256 standard errors, equally probable
+SIZES = 8.0 * 4.0**np.arange(9)    # v / sampling variance in the prior of a size, which
+                                   # is most probable at sqrt(2 v): 4 to 1024 standard
+                                   # errors, for less is not to be seen
+# the k-th has the probability 1 / k (k + 1): it falls like the universal prior of
+# integers (J. Rissanen, Ann. Stat. 11, 1983) and spends little on what needs no help
+_LOG_PRIOR = -np.log(np.arange(1, len(SIZES) + 1) * np.arange(2, len(SIZES) + 2)
+                     * len(SIZES) / (len(SIZES) + 1))
 _ROOT = np.arange(0.0, 1000.0, 0.02)    # square roots of gains in the table
 
 
 def _log_bayes(gain, k):
-    """ln B of k sizes whose squared standard scores sum to `gain`, per prior variance.
+    """ln B of k sizes whose squared standard scores sum to `gain`, and ln of the prior,
+    per v.
 
-    Closed form (A. Willsky and H. Jones, IEEE Trans. Autom. Control 21, 1976).
+    Their prior is a^2 / k v N(0, v I), which is 0 at 0: no effect and one too small to
+    be seen are the same, and would otherwise share the evidence (V. Johnson and
+    D. Rossell, "On the use of non-local prior densities", J. R. Stat. Soc. B 72, 2010).
     """
-    return -0.5 * k * np.log1p(SIZES) + 0.5 * np.multiply.outer(
-        gain, SIZES / (1.0 + SIZES))
+    shrunk = np.multiply.outer(gain, SIZES / (1.0 + SIZES))
+    return (_LOG_PRIOR - (0.5 * k + 1.0) * np.log1p(SIZES) + 0.5 * shrunk
+            + np.log1p(shrunk / k))
 
 
-_TABLE = {k: np.logaddexp.reduce(_log_bayes(_ROOT**2, k), axis=-1) - np.log(len(SIZES))
-          for k in (1, 2)}
+_TABLE = {k: np.logaddexp.reduce(_log_bayes(_ROOT**2, k), axis=-1) for k in (1, 2)}
 
 
 @njit(parallel=True, **JIT)
@@ -3551,7 +3660,7 @@ def _line_gains(line, turn, count, a, q, r):
 
 def _scan_frequencies(h, solved, scene, theta):
     n, v = PADDING * len(scene.y), _nodes(h, scene.dt, theta)
-    keep = slice(int(1.5 * PADDING), -PADDING)
+    keep = slice(CYCLES * PADDING, -PADDING)
     frequency = np.fft.rfftfreq(n, scene.dt)[keep]
     line = np.fft.rfft(solved.residual, n)[:, keep]
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
@@ -3643,7 +3752,7 @@ def signature_evidence(h, scene, signatures, list_of_searches, guess=None,
             table.append(solved.base + _mean_bayes(
                 np.ascontiguousarray(result.gain), table_of[result.k], 1.0 / _ROOT[1]))
         return np.column_stack(table)
-    return integrate(all_of, h.parameters, guess)
+    return integrate(all_of, h.parameters, guess, onset_law(h, scene, signatures))
 
 
 # ---- what readings hide is seen in the values themselves
@@ -3755,12 +3864,17 @@ def account(scene, bases, hypotheses=None, signatures=(), found=(), past=None):
 
     def likelihood_of(h):
         return lambda theta: _log_likelihoods(h, scene, signatures, theta)[:, None]
-    samples = tuple(integrate(likelihood_of(h), h.parameters, _guess(past, number),
-                              _starts(h, scene)) for number, h in enumerate(hypotheses))
-    evidence = [s.log_evidence[0] for s in samples]
+    samples, evidence = [None] * len(hypotheses), np.full(len(hypotheses), -np.inf)
+    past_evidence = [s.log_evidence[0] for s in past.samples] if past else evidence
+    for number in np.argsort(past_evidence, kind="stable")[::-1]:
+        h = hypotheses[number]
+        samples[number] = integrate(
+            likelihood_of(h), h.parameters, _guess(past, number),
+            onset_law(h, scene, signatures), evidence.max())
+        evidence[number] = samples[number].log_evidence[0]
     best = int(np.argmax(evidence))
     return Account(tuple(bases), tuple(hypotheses), tuple(signatures), tuple(found),
-                   samples, _mean_evidence(evidence), best,
+                   tuple(samples), _mean_evidence(evidence), best,
                    _central(samples[best], likelihood_of(hypotheses[best])))
 
 
@@ -3776,53 +3890,24 @@ def _central(sample, log_likelihood):
 
 def _guess(acc, number):
     """Mean and covariance of a hypothesis in the coordinates of `integrate`."""
-    if acc is None:
+    if acc is None or not free_columns(acc.hypotheses[number].parameters):
         return None
-    sample, parameters = acc.samples[number], acc.hypotheses[number].parameters
-    if not any(p.free for p in parameters):
-        return None
-    x = _to_normal(sample.theta, parameters)
-    return sample.weight @ x, np.atleast_2d(np.cov(x.T, aweights=sample.weight, ddof=0))
+    w, x = acc.samples[number].weight, acc.samples[number].x
+    return w @ x, np.atleast_2d(np.cov(x.T, aweights=w, ddof=0))
 
 
 def _mean_evidence(log_evidence):
     return float(logsumexp(log_evidence) - np.log(len(log_evidence)))
 
 
-def _starts(h, scene):
-    """Suspected onsets of a change of variance, for the sampler: few find them."""
-    symbols = [p.symbol for p in h.parameters]
-    if "noise_step.onset" not in symbols:
-        return None
-    step = np.diff(scene.y)
-    power = np.where(np.isnan(step), 0.0, step**2)
-    n = np.cumsum(~np.isnan(step))
-    first, n1 = np.cumsum(power), np.maximum(n, 1)
-    last, n2 = first[-1] - first, np.maximum(n[-1] - n, 1)
-    low = 1e-12 * first[-1] / n[-1]
-    gain = -0.25 * (n1 * np.log(first / n1 + low) + n2 * np.log(last / n2 + low))
-    gain[:8] = gain[-8:] = -np.inf
-    at = np.random.default_rng(0).choice(len(gain), 12, p=probabilities(gain))
-    theta = np.array([[0.5 * (p.low + p.high) for p in h.parameters]] * len(at))
-    theta[:, symbols.index("noise_step.onset")] = at * scene.dt
-    theta[:, symbols.index("noise_step.ratio")] = np.clip(
-        np.sqrt((last[at] / n2[at] + low) / (first[at] / n1[at] + low)), 0.11, 9.0)
-    for column, symbol in enumerate(symbols):
-        if symbol == "sigma_v":
-            p = h.parameters[column]
-            theta[:, column] = np.clip(np.sqrt(first[at] / n1[at] / 2), p.low, p.high)
-    return theta
-
-
 def _gaussian(scene, acc):
     """Scene, hypotheses and prior samples without jumps: sure outliers are masked,
     a telegraph becomes the Markov process of its covariance.
     """
-    h, sample = acc.hypotheses[acc.best], acc.samples[acc.best]
+    h = acc.hypotheses[acc.best]
     if not _has_jumps(h):
         return scene, acc.hypotheses
-    mean = (sample.weight @ sample.theta)[None]
-    odd = predict(h, scene.y[None], scene.dt, acc.signatures, mean).odd[0, 0]
+    odd = predict(h, scene, acc.signatures, acc.theta[None]).odd[0, 0]
     masked = scene._replace(y=np.where(odd > 0.5, np.nan, scene.y))
     plain = []
     for h, sample in zip(acc.hypotheses, acc.samples):
@@ -3861,13 +3946,13 @@ class Step(NamedTuple):
 
 
 PRIOR_NONE = 0.5    # that nothing is missing
-PRIOR_LAST = 0.9    # that nothing more is missing once an effect is found
+PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
 
 
-def look(scene, acc, effects, noises=True):
+def look(scene, acc, effects, processes=True):
     """`Step`: probability of every further effect, Eq. (10), and the best account.
 
-    Without `noises`, for signatures alone.
+    Without `processes`, for signatures and jumps alone.
     """
     plain, hypotheses = _gaussian(scene, acc)
     reference = acc if plain is scene else account(
@@ -3883,7 +3968,7 @@ def look(scene, acc, effects, noises=True):
         """A richer account: where in its ranges the base lies is no evidence against
         it, so ln B is no more than the likelihood ratio less Akaike's correction.
         """
-        more = max(sum(p.free for p in h.parameters) - sum(p.free for p in o.parameters)
+        more = max(len(free_columns(h.parameters)) - len(free_columns(o.parameters))
                    for h, o in zip(new.hypotheses, old.hypotheses))
         log_bayes[name] = min(new.log_evidence - old.log_evidence,
                               new.peak - old.peak - max(more, 1))
@@ -3892,8 +3977,10 @@ def look(scene, acc, effects, noises=True):
     for number, t in enumerate(tries):
         log_bayes[t.effect.name, t.column] = (
             _mean_evidence(table[:, 1 + number]) - base)
-    for e in effects if noises else ():
+    for e in effects:
         start, at = (reference, plain) if e.kind == "process" else (acc, scene)
+        if not processes and e.kind != "jumps":
+            continue
         if e.kind in ("process", "jumps") and _fits(e, acc, scene):
             new = account(at, acc.bases, [extend(at, h, e) for h in start.hypotheses],
                           acc.signatures, acc.readings, start)
@@ -3929,7 +4016,8 @@ def look(scene, acc, effects, noises=True):
         if plain is not scene and (
                 chosen.log_evidence - acc.log_evidence < np.log(len(names))):
             # what stood in for the jumps misled: the filter with jumps sees nothing
-            return look(scene, acc, [e for e in effects if e.name != best[0]], noises)
+            return look(scene, acc, [e for e in effects if e.name != best[0]],
+                        processes)
     causes = [Cause(effect, "" if effect == "wrong_parameter" else column,
                     float(probability[1 + i]), float(log_bayes[effect, column]),
                     parameters.get((effect, column), {}))
@@ -4050,8 +4138,14 @@ def estimate_signature(hypotheses, scene, signatures, search, samples, number):
         each = _log_bayes(result.gain[:, near], result.k)    # (M, m, sizes)
         mass = np.exp(each - logsumexp(each, axis=(1, 2), keepdims=True))
         mass *= share / RESAMPLED
-        mean = result.size[:, near, None] * shrink
-        pieces.append((mass, mean, result.sd[:, near, None]**2 * shrink,
+        # moments along the estimate of the normal law times its squared size
+        k, square = result.k, (result.size[:, near, None] * shrink)**2
+        var = result.sd[:, near, None]**2 * shrink
+        mean = result.size[:, near, None] * shrink * (
+            (square + (k + 2) * var) / (square + k * var))
+        second = (square**2 + (k + 5) * square * var + (k + 2) * var**2) / (
+            square + k * var)
+        pieces.append((mass, mean, second,
                        np.broadcast_to(result.psi[near][:, None], mass.shape)))
         if mass.sum((0, 2)).max() > most:
             most = mass.sum((0, 2)).max()
@@ -4062,7 +4156,7 @@ def estimate_signature(hypotheses, scene, signatures, search, samples, number):
         return (sum((p[0] * v).sum() for p, v in zip(pieces, values))
                 / sum(p[0].sum() for p in pieces))
     size = expected([p[1] for p in pieces])
-    sd = np.sqrt(expected([p[2] + (p[1] - size)**2 for p in pieces]))
+    sd = np.sqrt(max(expected([p[2] for p in pieces]) - size**2, 0.0))
     parameters = {search.effect.size: (float(size), float(sd))}
     for p in search.effect.parameters(scene):
         psi = expected([p[3] for p in pieces])
@@ -4316,7 +4410,7 @@ def distance(scene, acc, trials=None, seed=0):
     """
     h, sample, theta = acc.hypotheses[acc.best], acc.samples[acc.best], acc.theta
     trials = trials or (TRIALS if len(scene.y) <= MANY else TRIALS // 2)
-    free = [c for c, p in enumerate(h.parameters) if p.free]
+    free = free_columns(h.parameters)
     symbols = [p.symbol for p in h.parameters]
     step = 0.5 * np.sqrt(sample.weight @ (sample.theta - theta)**2)
     step = np.where(theta + step < [p.high for p in h.parameters], step, -step)
@@ -4336,16 +4430,16 @@ def distance(scene, acc, trials=None, seed=0):
             _quantize(scene, read, dict(lsb=printed))
         return read, without_readings(read, acc.readings)
 
-    def predicted_at(theta, masked, samples=True):
-        return predict(h, masked, scene.dt, acc.signatures, theta, samples)
+    def predicted(masked):
+        return predict(h, scene, acc.signatures, theta[None], masked)
 
     def scores(masked, middle=None):
         """Gains of a step in every parameter; `middle` is the filter at theta."""
         if not free:
             return np.zeros((len(masked), 0))
-        middle = middle or predicted_at(theta[None], masked, samples=False)
-        ahead = predicted_at(shifted, masked, samples=False)
-        return ahead.log_likelihood - middle.log_likelihood
+        nodes = shifted if middle else np.vstack([shifted, theta])
+        ll = _filtered(h, scene, acc.signatures, nodes, masked, 0)[0]
+        return ll - middle.log_likelihood if middle else ll[:, :-1] - ll[:, -1:]
     truth = theta.copy()
     if free and (acc.readings or "random_telegraph.size" in symbols):
         # the fit ignores what rounding and clipping do beyond a further white noise,
@@ -4364,15 +4458,15 @@ def distance(scene, acc, trials=None, seed=0):
             truth[free] = np.maximum(
                 truth[free] + move * step[free] / max(length, 1.0), 0.5 * truth[free])
     white = _whitened_probes(acc, scene, own[0])
-    predicted = predicted_at(theta[None], own)
-    z = predicted.z[:, 0]
+    real = predicted(own)
+    z = real.z[:, 0]
     stats = statistics(z, scene.y[None], scene, white)
-    T, s = [stats.value], [scores(own, predicted)]
+    T, s = [stats.value], [scores(own, real)]
     fixed = simulator(truth)
     block = int(np.clip(BLOCK // len(scene.y), 1, trials))
     for first in range(0, trials, block):
         read, masked = drawn(fixed, min(block, trials - first), seed, first)
-        part = predicted_at(theta[None], masked)
+        part = predicted(masked)
         T.append(statistics(part.z[:, 0], read, scene, white).value)
         s.append(scores(masked, part))
     T, s = np.vstack(T), np.vstack(s)
@@ -4390,7 +4484,7 @@ def distance(scene, acc, trials=None, seed=0):
     p_value = -np.expm1(len(p_place) * np.log1p(-min(p_place.values())))
     return Gap(stats._replace(value=T[0]), d[0], d[1:], p_place,
                float(max(p_value, 1e-15)), truth, z[0],
-               predicted.log_score[0, 0])
+               real.log_score[0, 0])
 
 
 def _inverse(scores):
@@ -4411,7 +4505,7 @@ def _whitened_probes(acc, scene, y):
     probe = np.array([p[3] for p in probes(scene)])
     probe *= 1e-3 * scene.white / np.abs(probe).max(1)[:, None]
     probe = np.where(np.isnan(y), np.nan, probe)
-    white = predict(h, probe, scene.dt, acc.signatures, theta).z[:, 0]
+    white = predict(h, scene, acc.signatures, theta, probe).z[:, 0]
     white = np.where(np.isnan(white), 0.0, white)
     return white / (np.sqrt((white**2).sum(1))[:, None] + 1e-300)
 
@@ -4451,8 +4545,9 @@ class Diagnosis(NamedTuple):
 PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
 MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
 SURE = 0.5              # a verdict is more probable than all others together
-OUTSTANDING = 3.0       # standard deviations: what a gap is measured on
-LOOK_ON = 0.2           # p-value from which on no second noise is looked for
+OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on
+UNEXPECTED = 3.0        # standard deviations of the mean: a bias the simulator lacks
+LOOK_ON = 0.2           # p-value from which on no second process is looked for
 MOST = 3                # effects beside readings, looked for one after another
 
 
@@ -4511,9 +4606,10 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
         if progress:
             number = next(done)
             progress(MOST + 3 if last else number, MOST + 3)
-    # a bias that the simulator does not expect must not pass for an effect
-    bias = float(np.hypot(max(h.bias_sigma for h in hypotheses), abs(np.nanmean(y))))
-    bases = tuple(h._replace(bias_sigma=bias) for h in hypotheses)
+    bases, mean = tuple(hypotheses), abs(float(np.nanmean(y)))
+    if mean > UNEXPECTED * expected_mean(bases, dt, len(y)):
+        # a bias that the simulator does not expect must not pass for an effect
+        bases = tuple(h._replace(bias_sigma=max(h.bias_sigma, mean)) for h in bases)
     base = acc = start = account(scene, bases)
     before = distance(scene, base, trials, seed)
     tell()
@@ -4537,7 +4633,7 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
 
     after = distance(full, acc, trials, seed + 1) if found else before
     while len(found) < len(known) + MOST and not any(r.opaque for r in known):
-        # what is no signature shows in the undirected statistics, if it is there
+        # a process shows in the undirected statistics, if it is there; jumps may not
         step = look(scene, acc, effects, not found or after.p_value < LOOK_ON)
         tell()
         for c in step.causes:
@@ -4577,6 +4673,13 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
                      else np.nan)
 
 
+def expected_mean(hypotheses, dt, samples):
+    """Root mean square of the means of simulated records, u."""
+    means = [simulate(hypotheses, dt, samples, first=trial).error.mean()
+             for trial in range(64)]
+    return float(np.sqrt(np.mean(np.square(means))))
+
+
 def check_scene(y, dt, columns):
     """Refuse what cannot be diagnosed."""
     if y.ndim != 1 or not (np.isfinite(dt) and dt > 0.0):
@@ -4613,8 +4716,9 @@ def closure(before, after):
     """rms distances before and after over the statistics that stood out before, the
     fraction closed, 1 - (after - 1) / (before - 1), and its interval.
     """
-    out = np.abs(before.distance) > OUTSTANDING
-    if not out.any() or before.p_value > 0.05:
+    out = np.abs(before.distance) > np.quantile(np.abs(before.null).max(1),
+                                                1.0 - OUTSTANDING)
+    if not out.any():
         return before.rms(), after.rms(), np.nan, (np.nan, np.nan)
     first, last = before.rms(out), after.rms(out)
     # of a record without a gap, through the same statistics
@@ -4648,8 +4752,8 @@ def held_out(scene, start, final):
     for acc in (start, final):
         fit = account(head, acc.bases, acc.hypotheses, tuple(
             s._replace(columns=s.columns[:cut]) for s in acc.signatures))
-        tail = predict(fit.hypotheses[fit.best], scene.y[None], scene.dt,
-                       acc.signatures, fit.theta[None])
+        tail = predict(fit.hypotheses[fit.best], scene, acc.signatures,
+                       fit.theta[None])
         score.append(tail.log_score[0, 0, cut:])
         ratio.append(float(np.sqrt(np.nanmean(tail.z[0, 0, cut:]**2))))
     back = np.column_stack([np.ones_like(scene.y), *scene.columns.values(), *(

@@ -10,6 +10,7 @@ import pytest
 from conftest import paper_case
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import integrate as quadrature
+from scipy.special import logsumexp
 from scipy.stats import binom, kstest, multivariate_normal, norm
 
 import sensorid
@@ -61,7 +62,7 @@ def test_severity_is_that_of_the_dense_covariance():
 def test_mixture_filter_without_jumps_is_the_dense_gaussian(short):
     scene, h, theta, C, seen = short
     expected = multivariate_normal(cov=C[np.ix_(seen, seen)]).logpdf(scene.y[seen])
-    assert_allclose(sensorid.predict(h, scene.y[None], DT, (), theta).log_likelihood,
+    assert_allclose(sensorid.predict(h, scene, (), theta).log_likelihood,
                     expected, rtol=1e-10)
 
 
@@ -75,8 +76,8 @@ def test_signatures_in_the_bank_and_in_the_mixture_filter_say_the_same(short):
     expected = multivariate_normal(cov=C).logpdf(scene.y[seen])
     assert_allclose(sensorid._log_likelihoods(h, scene, (found,), theta), expected,
                     rtol=1e-9)
-    assert_allclose(sensorid.predict(h, scene.y[None], DT, (found,),
-                                     theta).log_likelihood, expected, rtol=1e-9)
+    assert_allclose(sensorid.predict(h, scene, (found,), theta).log_likelihood,
+                    expected, rtol=1e-9)
 
 
 def test_outliers_in_white_noise_are_an_independent_mixture():
@@ -84,7 +85,7 @@ def test_outliers_in_white_noise_are_an_independent_mixture():
     scene = Scene(np.random.default_rng(1).standard_normal(300), DT, {})
     h = sensorid.extend(scene, h, sensorid.CATALOGUE["outliers"])
     rate, sigma = 0.05, 3.0
-    p = sensorid.predict(h, scene.y[None], DT, (), np.array([[0.5, rate, sigma]]))
+    p = sensorid.predict(h, scene, (), np.array([[0.5, rate, sigma]]))
     narrow = (1 - rate) * norm.pdf(scene.y, scale=0.5)
     wide = rate * norm.pdf(scene.y, scale=np.hypot(0.5, sigma))
     assert_allclose(p.log_score[0, 0], np.log(narrow + wide), rtol=1e-10)
@@ -107,7 +108,7 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
         flips = np.count_nonzero(np.diff(path))
         total += (0.5 * change**flips * (1 - change)**(9 - flips)
                   * norm.pdf(y, (path - 0.5) * size, 0.5).prod())
-    p = sensorid.predict(h, y[None], DT, (), np.array([[0.5, dwell, size]]))
+    p = sensorid.predict(h, scene, (), np.array([[0.5, dwell, size]]))
     assert_allclose(p.log_likelihood[0, 0], np.log(total), rtol=1e-10)
 
 
@@ -125,8 +126,9 @@ def test_telegraph_on_a_walk_is_close_to_the_sum_over_all_histories():
     for path in paths[rng.choice(len(paths), 60, p=prior)]:
         y = law.rvs(random_state=rng) + (path - 0.5) * size
         exact = np.log(prior @ law.pdf(y - (paths - 0.5) * size))
-        own = sensorid.extend(Scene(y, DT, {}), h, telegraph)
-        p = sensorid.predict(own, y[None], DT, (), np.array([[0.1, 0.3, dwell, size]]))
+        scene = Scene(y, DT, {})
+        own = sensorid.extend(scene, h, telegraph)
+        p = sensorid.predict(own, scene, (), np.array([[0.1, 0.3, dwell, size]]))
         errors.append(p.log_likelihood[0, 0] - exact)
     # one Gaussian a level instead of one a history: half a nat for a change of level
     changes = n * change
@@ -200,13 +202,36 @@ def test_gain_of_a_sinusoid_is_that_of_least_squares():
 
 
 def test_bayes_factor_of_a_size_is_the_integral_over_it():
-    z, g = 3.0, sensorid.SIZES
-    by_hand = np.mean([quadrature.quad(
-        lambda a: norm.pdf(a, scale=v**0.5) * np.exp(a * z - 0.5 * a * a),
-        -40.0, 40.0, points=[0.0, z])[0] for v in g])
+    z, k = 3.0, np.arange(1, len(sensorid.SIZES) + 1)
+    by_hand = np.average([quadrature.quad(
+        lambda a: a * a / v * norm.pdf(a, scale=v**0.5) * np.exp(a * z - 0.5 * a * a),
+        -40.0, 40.0, points=[0.0, z])[0] for v in sensorid.SIZES],
+        weights=1.0 / (k * (k + 1.0)))
     gain = np.array([[z * z]])
     result = sensorid._mean_bayes(gain, sensorid._TABLE[1], 1.0 / sensorid._ROOT[1])
     assert_allclose(result, np.log(by_hand), rtol=1e-3)
+
+
+def test_moments_of_a_size_are_integrals_over_its_posterior():
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0)
+    scene = Scene(np.random.default_rng(5).standard_normal(400), DT, {})
+    scene = scene._replace(y=scene.y + 7e-4 * scene.time)
+    search = sensorid.searches(scene, [sensorid.CATALOGUE["rate_ramp"]])
+    sample = sensorid.signature_evidence(h, scene, (), search)
+    _, parameters = sensorid.estimate_signature([h], scene, (), search[0], [sample], 1)
+    information = scene.time @ scene.time
+    z = scene.time @ scene.y / np.sqrt(information)
+    k = np.arange(1, len(sensorid.SIZES) + 1)
+
+    def moment(power):    # of the size in standard errors
+        return np.average([quadrature.quad(
+            lambda a: a**power * a * a / v * norm.pdf(a, scale=v**0.5)
+            * np.exp(a * z - 0.5 * a * a), -40.0, 40.0, points=[0.0, z])[0]
+            for v in sensorid.SIZES], weights=1.0 / (k * (k + 1.0)))
+    mean = moment(1) / moment(0)
+    sd = np.sqrt(moment(2) / moment(0) - mean**2)
+    assert_allclose(np.array(parameters["slope"]) * np.sqrt(information), [mean, sd],
+                    rtol=1e-6)
 
 
 # ---- evidence
@@ -236,6 +261,49 @@ def test_importance_sampling_of_a_sharp_correlated_gaussian():
     s = sensorid.integrate(lambda theta: law.logpdf(theta)[:, None], parameters)
     assert abs(s.log_evidence[0]) < 0.25    # the prior is 1 over the unit cube
     assert_allclose(s.weight @ s.theta, [0.3, 0.6, 0.5], atol=0.004)
+
+
+def test_a_climb_finds_mode_and_covariance_of_a_gaussian():
+    C = np.array([[0.04, 0.03, 0.0], [0.03, 0.05, 0.001], [0.0, 0.001, 1e-4]])
+    law = multivariate_normal([0.5, -1.0, 2.0], C)
+    mode, cov = sensorid.climb(law.logpdf, np.array([-2.0, 2.0, 0.0]))
+    assert_allclose(mode, law.mean, atol=1e-6)
+    assert_allclose(cov, C, rtol=1e-6, atol=1e-8)
+
+
+def stepped(n=300):
+    """White noise that doubles at sample 120, on a bias; scene and hypothesis with all
+    but the onset known.
+    """
+    noise = np.random.default_rng(3).standard_normal(n)
+    scene = Scene(0.7 + noise * np.where(np.arange(n) < 120, 1.0, 2.0), DT, {})
+    h = sensorid.hypothesis("random_walk", sigma_w=0.05, sigma_v=1.0)
+    h = sensorid.extend(scene, h, sensorid.CATALOGUE["noise_step"])
+    p = sensorid.Parameter("noise_step.ratio", 2.0, 2.0)
+    return scene, h._replace(parameters=(*h.parameters[:-1], p))
+
+
+def test_onsets_are_drawn_from_their_law():
+    scene, h = stepped()
+    u = (np.arange(4000) + 0.5) / 4000
+    theta, log_ratio = sensorid.onset_law(h, scene, ())(
+        sensorid.at_quantiles(h.parameters, u[:, None]))
+    assert abs(np.mean(np.exp(log_ratio)) - 1.0) < 0.01    # prior over law, under it
+    weight = np.exp(log_ratio + (ll := sensorid._log_likelihoods(h, scene, (), theta))
+                    - ll.max())
+    assert weight.sum()**2 / (weight @ weight) > 2000    # nearly the posterior itself
+
+
+def test_evidence_of_an_unknown_onset_is_the_sum_over_all():
+    scene, h = stepped()
+    every = np.array([[0.05, 1.0, (i + 0.5) * DT, 2.0]
+                      for i in range(1, len(scene.y) - 1)])
+    exact = logsumexp(sensorid._log_likelihoods(h, scene, (), every)) - np.log(
+        len(every))
+    s = sensorid.integrate(
+        lambda theta: sensorid._log_likelihoods(h, scene, (), theta)[:, None],
+        h.parameters, move=sensorid.onset_law(h, scene, ()))
+    assert abs(s.log_evidence[0] - exact) < 0.1
 
 
 # ---- readings
@@ -350,6 +418,25 @@ def test_simulated_noises_have_the_variance_that_is_written():
                                       ("stuck", dict(spans=[[100.0, 20]])))))
     assert y.min() == -1.0 and y.max() == 2.0 and len(np.unique(y)) <= 13
     assert (y[100:120] == y[100]).all()
+
+
+def test_means_that_a_simulator_expects():
+    h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5, bias_sigma=2.0)
+    n = 1000
+    exact = np.sqrt(4.0 + 0.01 * (n + 1) * (2 * n + 1) / (6 * n) + 0.25 / n)
+    # 64 means: a standard error of 1 / sqrt(128)
+    assert abs(sensorid.expected_mean([h], DT, n) / exact - 1.0) < 4.0 / np.sqrt(128.0)
+
+
+def test_a_transient_is_no_bias_where_the_simulator_expects_none():
+    rng = np.random.default_rng(6)
+    t = np.arange(generator.N)
+    walk = np.cumsum(0.1 * rng.standard_normal(generator.N))
+    y = walk + 0.5 * rng.standard_normal(generator.N) - 8.0 * np.exp(-t / 200.0)
+    d = sensorid.diagnose(y, DT, MODEL)
+    assert d.verdict == "turn_on_transient"
+    y = 40.0 + walk + 0.5 * rng.standard_normal(generator.N)
+    assert sensorid.diagnose(y, DT, MODEL).verdict == "none"    # a bias is no effect
 
 
 # ---- where
