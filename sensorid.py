@@ -2547,6 +2547,7 @@ class Effect(NamedTuple):
     column: str = ""        # what must be recorded beside the error
     resembles: str = ""     # what it is confused with
     experiment: str = ""    # what tells them apart
+    equation: str = ""      # what becomes of the error y, with units
 
 
 def _none(scene):
@@ -2725,78 +2726,132 @@ CYCLES = 3    # in a record, of a sinusoid at least: slow noise shows fewer by i
 
 CATALOGUE = {effect.name: effect for effect in (
     Effect("rate_ramp", "signature", _none, _from_start, "slope",
+           equation="y + slope t; slope in u/s",
            resembles="random walk, slow transient",
            experiment="record longer"),
     Effect("bias_step", "signature",
            lambda s: (Parameter("onset", s.dt, s.duration - s.dt),), _step, "size",
+           equation="y + size from t = onset on; onset in s, size in u",
            resembles="random walk, one stuck interval",
            experiment="look for what happened at the onset: a knock, a restart"),
     Effect("turn_on_transient", "signature",
            lambda s: (_log("tau", s.duration / 400, s.duration / 3),), _transient,
-           "size", resembles="rate ramp, temperature",
+           "size",
+           equation="y + size exp(-t / tau); tau in s, size in u",
+           resembles="rate ramp, temperature",
            experiment="switch off, cool down and on again: it returns"),
     Effect("sinusoid", "signature",
            lambda s: (Parameter("frequency", CYCLES / s.duration, 0.5 / s.dt),),
-           _sinusoid, "amplitude", resembles="correlated noise of long period",
+           _sinusoid, "amplitude",
+           equation="y + amplitude sin(2 pi frequency t + phase); frequency in Hz, "
+                    "amplitude in u",
+           resembles="correlated noise of long period",
            experiment="damp vibration; an alias moves with the sampling rate"),
     Effect("temperature", "signature", _none, _linear, "coefficient", "temperature",
+           equation="y + coefficient (x - mean of x); in u per unit of x",
            resembles="random walk, thermal lag",
            experiment="cycle the temperature twice at different speed"),
     Effect("thermal_lag", "signature",
            lambda s: (_log("tau", s.duration / 100, s.duration / 4),), _lagged,
-           "coefficient", "temperature", resembles="temperature",
+           "coefficient", "temperature",
+           equation="y + coefficient (X - mean of X), tau dX/dt = x - X; tau in s, "
+                    "coefficient in u per unit of x",
+           resembles="temperature",
            experiment="step the temperature and hold it"),
     Effect("scale_factor", "signature", _none, _linear, "coefficient", "rate",
+           equation="y + coefficient (x - mean of x); in u per unit of x",
            resembles="nonlinearity",
            experiment="turn at several known rates of both signs"),
     Effect("nonlinearity", "signature", _none, _curved, "coefficient", "rate",
+           equation="y + coefficient f, f = x^2 or |x| less its mean; in u per unit "
+                    "of f",
            resembles="scale factor where the rate has one sign",
            experiment="turn at several known rates of both signs"),
     Effect("latency", "signature", _none, _derivative, "coefficient", "rate",
+           equation="y + coefficient dx/dt; in u per unit of x and second",
            resembles="scale factor under slow motion",
            experiment="turn with sharp starts and stops"),
     Effect("g_sensitivity", "signature", _none, _linear, "coefficient",
-           "acceleration", resembles="scale factor",
+           "acceleration",
+           equation="y + coefficient (x - mean of x); in u per unit of x",
+           resembles="scale factor",
            experiment="turn the sensor over at rest"),
     Effect("covariate", "signature", _none, _linear, "coefficient", "*",
+           equation="y + coefficient (x - mean of x); in u per unit of x",
            resembles="any drift that moves as the column does",
            experiment="vary that quantity alone"),
     Effect("correlated_noise", "process",
            lambda s: (_log("tau", 1.5 * s.dt, s.duration / 10),
                       _log("sigma", 0.03 * s.white, _spread(s))), _correlated_noise,
+           equation="y + m, dm/dt = -m / tau + white noise, standard deviation of m "
+                    "sigma; tau in s, sigma in u",
            resembles="bias instability, random telegraph, random walk",
            experiment="record longer, sample faster"),
     Effect("bias_instability", "process",
            lambda s: (_log("sigma", 0.01 * s.white, _spread(s)),), _bias_instability,
+           equation="y + Markov processes, tau evenly in log from dt to T / 10, "
+                    "together of standard deviation sigma, in u",
            resembles="correlated noise, random walk", experiment="record longer"),
     Effect("bandwidth", "process",
            lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),), _bandwidth,
+           equation="the white noise v becomes V, tau dV/dt = v - V; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("noise_step", "process",
            lambda s: (Parameter("onset", s.dt, s.duration - s.dt),
                       _log("ratio", 0.1, 10.0)), _noise_step,
+           equation="the white noise becomes ratio times as strong from t = onset "
+                    "on; onset in s",
            resembles="outliers in clusters",
            experiment="look for what was switched on at the onset"),
     Effect("outliers", "jumps",
            lambda s: (_log("rate", 1.0 / len(s.y), 0.1),
                       _log("sigma", 2.0 * s.white, 300.0 * s.white)), None,
+           equation="y + N(0, sigma^2) with the probability rate in every sample; "
+                    "sigma in u",
            resembles="noise step, random telegraph",
            experiment="log the raw bus: are they transmission errors?"),
     Effect("random_telegraph", "jumps",
            lambda s: (_log("dwell", 3.0 * s.dt, s.duration / 4),
                       _log("size", 0.1 * s.white, 2.0 * _spread(s))), None,
+           equation="y +- size / 2, two levels, each kept for dwell on average; "
+                    "dwell in s, size in u",
            resembles="correlated noise",
            experiment="average less white noise away: two levels show in a histogram"),
-    Effect("quantization", "reading", _none, _quantize, resembles="white noise",
+    Effect("quantization", "reading", _none, _quantize,
+           equation="lsb round(y / lsb); lsb in u",
+           resembles="white noise",
            experiment="widen the word length, raise the gain"),
-    Effect("saturation", "reading", _none, _saturate, resembles="skewed noise",
+    Effect("saturation", "reading", _none, _saturate,
+           equation="y between two limits, in u",
+           resembles="skewed noise",
            experiment="widen the range"),
-    Effect("stuck", "reading", _none, _stick, resembles="quantization",
+    Effect("stuck", "reading", _none, _stick,
+           equation="y keeps its value in spans of (start in s, samples)",
+           resembles="quantization",
            experiment="compare the counters of sensor and logger"),
     Effect("wrong_parameter", "parameter", _none, None,
+           equation="one parameter of the simulator is factor times what it says",
            resembles="correlated noise, bandwidth",
            experiment="compare the Allan deviation with the data sheet, unit by unit"),
 )}
+
+
+def describe(effect, scene=None):
+    """Definition of an effect as text: equation, columns, what it is confused with and
+    how to tell; with a scene, the priors that it has there.
+    """
+    lines = [f"{effect.name}: {effect.equation}"]
+    if effect.column:
+        lines.append("needs, as x, " + ("any other column" if effect.column == "*" else
+                                        f"a column {effect.column}"))
+    if scene:
+        units = dict(onset="s", tau="s", dwell="s", frequency="Hz", sigma="u", size="u")
+        lines += [f"{p.symbol}: {'log-' if p.log else ''}uniform from {p.low:.4g} to "
+                  f"{p.high:.4g} {units.get(p.symbol, '')}".rstrip()
+                  for p in effect.parameters(scene)]
+    lines.append(f"confused with: {effect.resembles}")
+    lines.append(f"to tell: {effect.experiment}")
+    return "\n    ".join(lines)
 
 
 def extend(scene, h, effect):
@@ -3945,6 +4000,7 @@ class Step(NamedTuple):
     account: Account   # with the most probable effect in it; None where it is "none"
 
 
+LISTED = 0.01       # probability from which on a cause is worth its parameters
 PRIOR_NONE = 0.5    # that nothing is missing
 PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
 
@@ -3997,6 +4053,12 @@ def look(scene, acc, effects, processes=True):
         np.log((1.0 - alone) * share / share.sum())
         + [log_bayes[name] for name in names])])
     order = np.argsort(-probability[1:])
+    estimates = {}
+    for number, t in enumerate(tries, 1):
+        name = t.effect.name, t.column
+        if probability[1 + names.index(name)] > LISTED:
+            estimates[name], parameters[name] = estimate_signature(
+                hypotheses, plain, acc.signatures, t, samples, number)
     chosen = None
     if probability[0] < 0.5:
         best = names[order[0]]
@@ -4008,11 +4070,8 @@ def look(scene, acc, effects, processes=True):
                     extend(scene, h, own) for h in acc.hypotheses],
                     acc.signatures, acc.readings, acc)
         else:
-            number = [(t.effect.name, t.column) for t in tries].index(best)
-            signature, parameters[best] = estimate_signature(
-                hypotheses, plain, acc.signatures, tries[number], samples, 1 + number)
             chosen = account(scene, acc.bases, acc.hypotheses,
-                             (*acc.signatures, signature), acc.readings, acc)
+                             (*acc.signatures, estimates[best]), acc.readings, acc)
         if plain is not scene and (
                 chosen.log_evidence - acc.log_evidence < np.log(len(names))):
             # what stood in for the jumps misled: the filter with jumps sees nothing
@@ -4202,6 +4261,7 @@ class Statistics(NamedTuple):
     least: np.ndarray    # (S,) standard deviation that each has at least
 
 
+FAR = 40.0    # standard deviations: no normal score lies further out
 PLACES = "time", "frequency", "averaging_time", "lag", "amplitude", "covariate"
 UNITS = dict(time="s", frequency="Hz", averaging_time="s", lag="s",
              amplitude="sigma", covariate="")
@@ -4307,24 +4367,24 @@ def statistics(z, y, scene, white):
             put("lag", k * dt, k * dt, "", (size[:, k:] * size[:, :-k]).sum(1)
                 / np.sqrt(count))
 
-    edges = np.concatenate([[-40.0], ndtri(np.linspace(0, 1, 13)[1:-1]), [40.0]])
+    edges = np.concatenate([[-FAR], ndtri(np.linspace(0, 1, 13)[1:-1]), [FAR]])
     for low, high in zip(edges[:-1], edges[1:]):
         put("amplitude", low, high, "",
             ((z0 >= low) & (z0 < high) & seen).sum(1) / np.sqrt(count / 12.0))
     u = np.pi * ndtr(z0)    # smooth departures from the predicted law (Neyman)
     for k in range(1, 9):
-        put("amplitude", -40.0, 40.0, "",
+        put("amplitude", -FAR, FAR, "",
             np.where(seen, np.cos(k * u), 0.0).sum(1) / np.sqrt(0.5 * count))
-    for low, high in ((-40.0, -3.0), (3.0, 40.0), (-40.0, -4.0), (4.0, 40.0)):
+    for low, high in ((-FAR, -3.0), (3.0, FAR), (-FAR, -4.0), (4.0, FAR)):
         inside = ((z0 >= low) & (z0 < high)).sum(1)
         expected = count * ndtr(-min(abs(low), abs(high)))
         # most counts are 0: their own spread would make a single one stand out
         put("amplitude", low, high, "", _count_score(inside, expected), least=1.0)
     largest = np.abs(z0).max(1)
-    put("amplitude", largest[0], 40.0, "",
+    put("amplitude", largest[0], FAR, "",
         _largest_score(np.log(2.0) + log_ndtr(-largest), count))
-    put("amplitude", -40.0, 40.0, "", (np.clip(z0, -5, 5)**3).sum(1) / np.sqrt(count))
-    put("amplitude", -40.0, 40.0, "", np.abs(z0).sum(1) / np.sqrt(count))
+    put("amplitude", -FAR, FAR, "", (np.clip(z0, -5, 5)**3).sum(1) / np.sqrt(count))
+    put("amplitude", -FAR, FAR, "", np.abs(z0).sum(1) / np.sqrt(count))
     put("amplitude", 0.0, 0.0, "", (np.diff(y) == 0.0).sum(1).astype(float), least=1.0)
 
     spread = np.where(seen, z0**2 - 1.0, 0.0).clip(-1.0, 25.0)
@@ -5352,9 +5412,13 @@ def _parser():
         description="Where a record differs from a simulator, which effect causes it,\n"
                     "how far the gap closes once that effect is added.",
         epilog="Effects looked for: " + ", ".join(CATALOGUE) + ".\n"
+               "--effects defines each of them; with a record, it gives their priors "
+               "there.\n"
                "Without --model and --simulated, the simulator is white noise, random "
                "walk or\nMarkov process with priors from the record.")
-    four.add_argument("record", help="CSV with a header, .npz, .mat or .npy")
+    four.add_argument("record", nargs="?", help="CSV with a header, .npz, .mat or .npy")
+    four.add_argument("--effects", action="store_true",
+                      help="define the effects that are looked for, and do no more")
     simulator = four.add_mutually_exclusive_group()
     simulator.add_argument("--model", metavar="M.json", help="the simulator")
     simulator.add_argument("--simulated", metavar="FILE",
@@ -5886,7 +5950,23 @@ def simulator_from(records, dt):
                  for name, parameters in spans.items())
 
 
+def _list_effects(options):
+    scene = None
+    if options.record is not None:
+        record = _read(options, None, None)
+        scene = Scene(record.error, record.dt, record.columns)
+        check_scene(*scene)
+    print("y is the error, u its unit, t the time, T the duration, dt the sampling "
+          "interval.\nThe prior of a size, slope, coefficient or amplitude is highest "
+          "at 4 standard errors,\nfalls from there on and is 0 at 0.\n")
+    print("\n".join(describe(effect, scene) for effect in CATALOGUE.values()))
+
+
 def _diagnose_command(options):
+    if options.effects:
+        return _list_effects(options)
+    if options.record is None:
+        raise ValueError("diagnose needs a record (--effects alone does without)")
     model = read_model(options.model) if options.model else None
     _refuse_effects(options.model, model)
     folder = None
@@ -6030,29 +6110,30 @@ def _table(d, record, unit):
     lines = [f"{record.file}, column {record.column}: {len(record.error)} samples at "
              f"{record.dt:g} s; beside it: {', '.join(record.columns) or 'nothing'}",
              f"verdict: {d.verdict}"]
-    if d.before.p_value > 0.05:
+    if d.before.p_value > 0.05 and d.verdict == "none":
         lines.append("the simulator describes the record: a gap as large has the "
                      f"chance {d.before.p_value:.2g}")
+    elif d.before.p_value > 0.05:
+        lines.append("no place stands out by itself (a gap as large has the chance "
+                     f"{d.before.p_value:.2g}): only the search for each effect tells")
     else:
         lines.append(f"gap: {d.rms_before:.3g} standard deviations where it stands out "
                      f"(p = {d.before.p_value:.2g}; 1 is no gap)")
-    lines.append(f"{'cause':<28}{'probability':>11}{'ln B':>8}  size, in {unit}, s, Hz")
-    for c in d.causes[:6]:
-        if c.probability < 5e-4 and c.effect not in ("none", "unknown"):
-            continue
-        column = f" ({c.column})" if c.column and c.column not in c.effect else ""
-        log_bayes = f"{c.log_bayes:.1f}" if c.parameters else ""
-        lines.append(f"{c.effect + column:<28}{c.probability:>11.3f}{log_bayes:>8}  "
+    shown = {c.effect + (f" ({c.column})" if c.column and c.column not in c.effect
+                         else ""): c for c in d.causes[:6]
+             if c.probability >= LISTED or c.effect in ("none", "unknown")}
+    width = max(map(len, shown)) + 2
+    lines.append(f"{'cause':<{width}}probability    ln B  size, in {unit}, s, Hz")
+    for name, c in shown.items():
+        log_bayes = "" if c.effect in ("none", "unknown") else f"{c.log_bayes:.1f}"
+        lines.append(f"{name:<{width}}{c.probability:>11.3f}{log_bayes:>8}  "
                      + _words(c, record.dt))
-    lines.append(f"{'where':<16}{'at':<24}{'before':>8}{'after':>8}{'p':>10}"
+    lines.append(f"{'where':<16}{'at':<30}{'before':>8}{'after':>8}{'p':>10}"
                  "   standard deviations")
     s = d.before.statistics
     for i in _outstanding(d.before):
-        low, high = s.at[i]
-        at = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-        at += f" {s.column[i] or UNITS[s.place[i]]}"
         before, after = (abs(g.distance[i]) for g in (d.before, d.after))
-        lines.append(f"{s.place[i]:<16}{at:<24}{before:>8.1f}{after:>8.1f}"
+        lines.append(f"{s.place[i]:<16}{_at(s, i):<30}{before:>8.1f}{after:>8.1f}"
                      f"{d.before.p_place[s.place[i]]:>10.2g}")
     if np.isfinite(d.closed):
         low, high = d.closed_interval
@@ -6080,14 +6161,23 @@ def _table(d, record, unit):
                          f"to {high[1]:.4g}, never between: whatever else changed "
                          "with it explains the record as well")
     if d.verdict == "undecided":
-        lines.append(f"a record of about {d.needed_duration:.3g} s would tell the "
-                     "first two apart")
+        lines.append(f"a record of about {float(f'{d.needed_duration:.2g}'):g} s would "
+                     "tell the first two apart, if the odds grow as they did")
     if d.verdict == "unknown":
         i = _outstanding(d.after)[0]
         lines.append("what is left fits no effect of the catalogue: look at "
-                     f"{s.place[i].replace('_', ' ')} {s.at[i][0]:.4g} to "
-                     f"{s.at[i][1]:.4g} {s.column[i] or UNITS[s.place[i]]}")
+                     f"{s.place[i].replace('_', ' ')}, {_at(s, i)}")
     return "\n".join(lines) + "\n"
+
+
+def _at(s, i):
+    """Where statistic number i looks, as text."""
+    (low, high), unit = s.at[i], s.column[i] or UNITS[s.place[i]]
+    if s.place[i] == "amplitude" and max(-low, high) >= FAR:
+        if high - low >= 2.0 * FAR:
+            return "all of it"
+        return f"below {high:.3g} {unit}" if low <= -FAR else f"beyond {low:.3g} {unit}"
+    return (f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}") + f" {unit}"
 
 
 def _clusters(x):

@@ -595,10 +595,25 @@ def test_diagnose_says_what_is_wrong_with_its_input(tmp_path, capsys):
             ([record, "--covariates", "humidity"], "no column 'humidity'"),
             ([record, "--out", record], "is a file"),
             ([record, "--simulated", str(tmp_path / "no.npz")], "no such file"),
+            ([], "diagnose needs a record"),
             ([str(tmp_path / "no.csv")], "no such file")):
         assert sensorid.main(["diagnose", *arguments]) == 2
         error = capsys.readouterr().err
         assert message in error and error.count("\n") == 1
+
+
+def test_effects_are_defined_on_request(tmp_path, capsys):
+    assert sensorid.main(["diagnose", "--effects"]) == 0
+    plain = capsys.readouterr().out
+    np.savez(tmp_path / "r.npz", error=np.random.default_rng(0).standard_normal(500),
+             dt=2.0)
+    assert sensorid.main(["diagnose", str(tmp_path / "r.npz"), "--effects"]) == 0
+    there = capsys.readouterr().out
+    for e in sensorid.CATALOGUE.values():
+        assert all((e.equation, e.resembles, e.experiment)), e.name
+        assert f"{e.name}: {e.equation}" in plain and f"{e.name}: {e.equation}" in there
+    assert "onset: uniform from 2 to 998 s" in there
+    assert "onset: uniform" not in plain
 
 
 def test_a_black_box_simulator_is_taken_by_its_records(tmp_path, capsys):
@@ -626,6 +641,9 @@ def test_a_turn_on_transient_and_its_temperature(real):
     best = {c.effect for c in shown.causes if c.probability > 0.05}
     # the record cooled once: time and temperature cannot be told apart
     assert best & {"temperature", "thermal_lag"} and "turn_on_transient" in best
+    mean, sd = next(c.parameters["coefficient"] for c in shown.causes
+                    if c.effect == "temperature")
+    assert abs(mean - 3.6) < 2.0 * sd    # mg/degC by regression of 10 s means
 
 
 def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
