@@ -1784,11 +1784,13 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     """
     algorithms = algorithms or {}
     samples = _check_trials(hypotheses, dt, duration, trials)
-    stops = (criteria_times(samples) if times is None
-             else np.unique(np.round(np.asarray(times) / dt).astype(int)))
-    if algorithms and times is None:
+    if times is not None:
+        stops = np.unique(np.round(np.asarray(times) / dt).astype(int))
+    elif algorithms:
         stops = np.unique(np.round(np.geomspace(min(max(samples / 32, SHORT), samples),
                                                 samples, 6)).astype(int))
+    else:
+        stops = criteria_times(samples)
     if algorithms and stops[0] < SHORT:
         raise ValueError(f"the first time has {stops[0]} samples: "
                          f"algorithms are compared from {SHORT} samples on")
@@ -1849,8 +1851,8 @@ def _criteria(hypotheses, grids, reached, time, algorithms, chunk):
     wrong = (probability.argmax(-1) != chunk.hypothesis[:, None]).astype(float)
     error = _curve(wrong, 1.0 - probability.max(-1))
     labels, rsd, squares = [], [], []
-    free = [(h, p) for h in hypotheses for p in h.parameters]
-    for column, (h, p) in enumerate(free):
+    listed = [(h, p) for h in hypotheses for p in h.parameters]
+    for column, (h, p) in enumerate(listed):
         if p.free:
             own = ~np.isnan(chunk.truth[:, column])
             truth = chunk.truth[own, column, None]
@@ -1869,31 +1871,35 @@ def _criteria(hypotheses, grids, reached, time, algorithms, chunk):
                     tuple(len(g.theta) for g in grids), reached, rivals)
 
 
+def _standard_error(x):
+    """Of a mean over the trials (L, ...)."""
+    return x.std(0, ddof=1) / np.sqrt(len(x))
+
+
 def _rival(wrong, rival_wrong, squares):
     """`Rival` from its errors (L, T) and squared errors beside those of the bank."""
-    def se(x):
-        return x.std(0, ddof=1) / np.sqrt(len(x))
     excess = rival_wrong - wrong
     rsd, rsd_se, efficiency, efficiency_se = [], [], [], []
     for mean, ours, theirs in squares:
         n, variance = len(ours), theirs.mean(0)
         ratio = ours.mean(0) / variance
         rsd.append(np.sqrt(variance * n / (n - 1)) / mean)
-        rsd_se.append(se(theirs) / (2.0 * np.sqrt(variance) * mean))
+        rsd_se.append(_standard_error(theirs) / (2.0 * np.sqrt(variance) * mean))
         efficiency.append(ratio)
-        efficiency_se.append(se(ours - ratio * theirs) / variance)
-    return Rival(rival_wrong.mean(0), se(rival_wrong), excess.mean(0), se(excess),
-                 tuple(rsd), tuple(rsd_se), tuple(efficiency), tuple(efficiency_se))
+        efficiency_se.append(_standard_error(ours - ratio * theirs) / variance)
+    return Rival(rival_wrong.mean(0), _standard_error(rival_wrong), excess.mean(0),
+                 _standard_error(excess), tuple(rsd), tuple(rsd_se), tuple(efficiency),
+                 tuple(efficiency_se))
 
 
 def _curve(real, calculated):
     """Means over the trials (L, T) of a criterion, with standard errors."""
-    def se(x):
-        return x.std(0, ddof=1) / np.sqrt(len(x))
     difference = real - calculated
+    se = _standard_error(difference)
     with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(se(difference) > 0.0, difference.mean(0) / se(difference), 0.0)
-    return Curve(real.mean(0), calculated.mean(0), se(real), se(calculated), z)
+        z = np.where(se > 0.0, difference.mean(0) / se, 0.0)
+    return Curve(real.mean(0), calculated.mean(0), _standard_error(real),
+                 _standard_error(calculated), z)
 
 
 def _relative(variance, trials, mean):
@@ -2326,12 +2332,10 @@ def schwarz(y, dt, hypotheses):
 def _likelihood_fits(y, dt, hypotheses):
     y = np.frombuffer(y)
 
-    def likelihood_of(h):
-        def log_likelihoods(theta):
-            return _bank_likelihood(next(filter_bank(
-                bank(h, dt, theta), y[None], [len(y)])), h)
-        return log_likelihoods
-    return [_maximize(h, likelihood_of(h)) for h in hypotheses]
+    def log_likelihoods(h, theta):
+        return _bank_likelihood(next(filter_bank(bank(h, dt, theta), y[None],
+                                                 [len(y)])), h)
+    return [_maximize(h, log_likelihoods) for h in hypotheses]
 
 
 def whittle(y, dt, hypotheses):
@@ -2344,17 +2348,15 @@ def whittle(y, dt, hypotheses):
     power = np.abs(np.fft.rfft(np.diff(y)))[1:(n + 1) // 2]**2 / n
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(1, (n + 1) // 2) / n)
 
-    def likelihood_of(h):
-        def log_likelihoods(theta):
-            b = bank(h, dt, theta)
-            if not is_modal(b):
-                raise ValueError(f"{h.name} is no sum of one-state processes: "
-                                 "Whittle's likelihood is of such sums alone")
-            a, q = (np.diagonal(part[:, 0], 0, 1, 2) for part in (b.Phi, b.Q))
-            return _whittle(power, turn, n, a, q, b.r[:, 0])
-        return log_likelihoods
-    fits = [_maximize(h, likelihood_of(h)) for h in hypotheses]
-    return _penalized(hypotheses, fits, 2.0)
+    def log_likelihoods(h, theta):
+        b = bank(h, dt, theta)
+        if not is_modal(b):
+            raise ValueError(f"{h.name} is no sum of one-state processes: "
+                             "Whittle's likelihood is of such sums alone")
+        a, q = (np.diagonal(part[:, 0], 0, 1, 2) for part in (b.Phi, b.Q))
+        return _whittle(power, turn, n, a, q, b.r[:, 0])
+    return _penalized(hypotheses, [_maximize(h, log_likelihoods) for h in hypotheses],
+                      2.0)
 
 
 ALGORITHMS = dict(slopes=allan_slopes, gmwm=allan_least_squares, aic=akaike,
@@ -2393,17 +2395,19 @@ def _penalized(hypotheses, fits, penalty):
 
 
 def _maximize(h, log_likelihoods):
-    """Parameters (p,) in their ranges where a function of nodes (M, p) is largest."""
+    """Parameters (p,) in their ranges where a function of h and nodes (M, p) is
+    largest.
+    """
     def inside(u):
         """Mirrored at the ends of the ranges: a simplex may not collapse onto one."""
         return at_quantiles(h.parameters, 1.0 - np.abs(1.0 - u % 2.0))
     nodes = _coarse(h)
-    ll = log_likelihoods(inside(nodes))
+    ll = log_likelihoods(h, inside(nodes))
     u = nodes[int(np.argmax(ll))]
     if not len(u):
         return inside(u), float(ll[0])
     # 1e-4 of a range is far below any standard deviation
-    best = minimize(lambda u: -log_likelihoods(inside(u)[None])[0], u,
+    best = minimize(lambda u: -log_likelihoods(h, inside(u)[None])[0], u,
                     method="Nelder-Mead", options=dict(
                         xatol=1e-4, fatol=1e-3,
                         initial_simplex=u + np.vstack([0.0 * u, 0.1 * np.eye(len(u))])))
