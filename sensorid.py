@@ -4690,31 +4690,28 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
         acc = start = account(scene, bases, inner, (), known)
     leaves, share = {}, 1.0    # every set of effects as a Cause; probability so far
 
-    def leaf(found, probability):
-        return Cause("+".join(c.effect for c in found) or "none",
-                     "+".join(filter(None, (c.column for c in found))),
-                     probability, sum(c.log_bayes for c in found), _merged(found))
-
     after = distance(full, acc, trials, seed + 1) if found else before
     while len(found) < len(known) + MOST and not any(r.opaque for r in known):
         # a process shows in the undirected statistics, if it is there; jumps may not
         step = look(scene, acc, effects, not found or after.p_value < LOOK_ON)
         tell()
+        best = next(c for c in step.causes if c.effect != "none")
+        if step.account is not None:
+            leaves = _followed(leaves, step, best)
         for c in step.causes:
             listed = found if c.effect == "none" else [*found, c]
-            one = leaf(listed, share * c.probability)
+            one = _joined(listed, share * c.probability)
             if one.effect not in leaves or leaves[one.effect].probability < \
                     one.probability:
                 leaves[one.effect] = one
         if step.account is None:
             break
-        best = next(c for c in step.causes if c.effect != "none")
         acc, found = step.account, [*found, best]
         after = distance(full, acc, trials, seed + 1)
         share *= best.probability
-        leaves.pop(leaf(found, share).effect)
+        leaves.pop(_joined(found, share).effect)
     else:
-        one = leaf(found, share)
+        one = _joined(found, share)
         leaves[one.effect] = one
     tell(last=True)
 
@@ -4735,6 +4732,20 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
                      acc.hypotheses != start.hypotheses else None,
                      needed_duration(causes, full) if verdict == "undecided"
                      else np.nan)
+
+
+def _followed(leaves, step, best):
+    """Rivals of what has been found, once a further effect has been: they lack it as
+    much as the account did to which it was added, unless it is theirs.
+    """
+    alone = next(c.probability for c in step.causes if c.effect == "none")
+    result = {}
+    for one in leaves.values():
+        result[one.effect] = one._replace(probability=alone * one.probability)
+        if one.effect != "none" and best.effect not in one.effect.split("+"):
+            both = _joined([one, best], (1.0 - alone) * one.probability)
+            result[both.effect] = both
+    return result
 
 
 def expected_mean(hypotheses, dt, samples):
@@ -4769,11 +4780,14 @@ def check_columns(y, columns):
 SHORTEST = 64    # samples; fewer tell no effect from the noise
 
 
-def _merged(found):
-    """Parameters of several effects; of more than one, with the effect's name."""
-    if len(found) == 1:
-        return found[0].parameters
-    return {f"{c.effect}.{name}": v for c in found for name, v in c.parameters.items()}
+def _joined(found, probability):
+    """Several effects as one `Cause`, with their names before their parameters'."""
+    parameters = found[0].parameters if len(found) == 1 else {
+        name if "." in name else f"{c.effect}.{name}": v
+        for c in found for name, v in c.parameters.items()}
+    return Cause("+".join(c.effect for c in found) or "none",
+                 "+".join(filter(None, (c.column for c in found))),
+                 probability, sum(c.log_bayes for c in found), parameters)
 
 
 def closure(before, after):
