@@ -2868,6 +2868,7 @@ def extend(scene, h, effect):
     def model(dt, **values):
         own = {p.symbol.split(".")[1]: values.pop(p.symbol) for p in extra}
         return inner(dt, **values, **(own if effect.kind == "process" else {}))
+    model.plain = getattr(h.model, "plain", h)
     return h._replace(model=model, parameters=h.parameters + extra)
 
 
@@ -2902,17 +2903,8 @@ def simulate_effects(hypotheses, effects, scene, trials=1, seed=0, first=0):
         As `simulate` draws them, then altered. Processes and jumps are added to the
         noise, signatures to the sum, readings last.
     """
-    extended = []
-    for h, added in zip(hypotheses, effects):
-        for one in added:
-            e = one.effect
-            if e.kind in ("process", "jumps"):
-                h = extend(scene, h, e)
-                own = tuple(one.parameters[p.symbol.partition(".")[2]]._replace(
-                    symbol=p.symbol) if p.symbol.startswith(e.name + ".") else p
-                    for p in h.parameters)
-                h = h._replace(parameters=own)
-        extended.append(h)
+    extended = [with_processes(scene, h, added)
+                for h, added in zip(hypotheses, effects)]
     drawn = simulate(extended, scene.dt, len(scene.y), trials, seed, first)
     for trial, y in enumerate(drawn.error):
         rng = np.random.default_rng(
@@ -2934,6 +2926,18 @@ def simulate_effects(hypotheses, effects, scene, trials=1, seed=0, first=0):
         drawn.error[own] = read
     drawn.error[:, np.isnan(scene.y)] = np.nan
     return drawn
+
+
+def with_processes(scene, h, added):
+    """Hypothesis with the processes and jumps among added effects."""
+    for one in added:
+        if one.effect.kind in ("process", "jumps"):
+            h = extend(scene, h, one.effect)
+            h = h._replace(parameters=tuple(
+                one.parameters[p.symbol.partition(".")[2]]._replace(symbol=p.symbol)
+                if p.symbol.startswith(one.effect.name + ".") else p
+                for p in h.parameters))
+    return h
 
 
 def signature_of(scene, one, value):
@@ -4442,12 +4446,12 @@ def as_simulated(acc, scene, theta, widths=None):
                 name, value[symbol][0], value[symbol][0])
     added = [Added(CATALOGUE[effect], "", "", parameters)
              for effect, parameters in effects.items()]
-    plain, hypotheses = _gaussian(scene, acc)
+    masked, hypotheses = _gaussian(scene, acc)
     inner = hypotheses[acc.best]
     sizes = iter(())
     if acc.signatures:
         at = np.array([[value[p.symbol][0] for p in inner.parameters]])
-        sizes = iter(solve(inner, plain, acc.signatures, at).size[0, 1:])
+        sizes = iter(solve(inner, masked, acc.signatures, at).size[0, 1:])
     for s in acc.signatures:
         e = s.effect
         size = [next(sizes) for _ in range(s.columns.shape[1])]
@@ -4458,7 +4462,9 @@ def as_simulated(acc, scene, theta, widths=None):
         added.append(Added(e, s.column, s.variant, {
             k: Parameter(k, v, v) for k, v in numbers.items()}))
     added += [Added(CATALOGUE[r.effect], "", "", r.value) for r in acc.readings]
-    return base._replace(parameters=tuple(map(ranged, base.parameters))), tuple(added)
+    plain = getattr(base.model, "plain", base)
+    return base._replace(model=plain.model, parameters=tuple(
+        map(ranged, plain.parameters))), tuple(added)
 
 
 TRIALS = 199    # simulated records behind every p-value; half of them for a record
@@ -4781,10 +4787,19 @@ SHORTEST = 64    # samples; fewer tell no effect from the noise
 
 
 def _joined(found, probability):
-    """Several effects as one `Cause`, with their names before their parameters'."""
-    parameters = found[0].parameters if len(found) == 1 else {
-        name if "." in name else f"{c.effect}.{name}": v
-        for c in found for name, v in c.parameters.items()}
+    """Several effects as one `Cause`, with their names before their parameters'; one
+    found again is number 2.
+    """
+    parameters = {}
+    for c in found:
+        for name, value in c.parameters.items():
+            effect, _, own = name.rpartition(".")
+            effect = effect or (c.effect if len(found) > 1 else "")
+            number, key = 1, name if not effect else f"{effect}.{own}"
+            while key in parameters:
+                number += 1
+                key = f"{effect}_{number}.{own}"
+            parameters[key] = value
     return Cause("+".join(c.effect for c in found) or "none",
                  "+".join(filter(None, (c.column for c in found))),
                  probability, sum(c.log_bayes for c in found), parameters)
@@ -5509,7 +5524,7 @@ def _read(options, model=None, beside=()):
 
 def _refuse_effects(file, model):
     if model and model.effects:
-        raise ValueError(f"{file} has effects: only simulate draws them, "
+        raise ValueError(f"{file} has effects: only simulate and diagnose know them, "
                          "take them out for anything else")
 
 
@@ -5986,7 +6001,6 @@ def _diagnose_command(options):
     if options.record is None:
         raise ValueError("diagnose needs a record (--effects alone does without)")
     model = read_model(options.model) if options.model else None
-    _refuse_effects(options.model, model)
     folder = None
     if options.out is not None:
         folder = pathlib.Path(options.out)
@@ -6000,10 +6014,14 @@ def _diagnose_command(options):
     beside = None if options.covariates is None else [
         part for part in options.covariates.split(",") if part]
     record = _read(options, model, beside)
-    y, dt = record.error, record.dt
+    y, dt, known = record.error, record.dt, ()
     unit = model.unit if model else "u"
     if model:
-        hypotheses = model.hypotheses
+        hypotheses, known = _with_effects(options.model, model, record)
+        scene = Scene(y, dt, record.columns)
+        for one in known:
+            y = y - signature_of(scene, one, {k: p.low
+                                              for k, p in one.parameters.items()})
     elif options.simulated:
         hypotheses = simulator_from(_simulated(options, dt), dt)
     else:
@@ -6017,12 +6035,35 @@ def _diagnose_command(options):
         sd = np.sqrt(sample.weight @ (sample.theta - d.final.theta)**2)
         # a uniform range of this half-width has that standard deviation
         h, added = as_simulated(d.final, d.scene, d.after.theta, np.sqrt(3.0) * sd)
-        text = model_text(Model(dt, unit, (h,), (added,)))
+        text = model_text(Model(dt, unit, (h,), ((*known, *added),)))
         answer = json.dumps(report(d, record), indent=1, allow_nan=False)
         _write(folder / "model.json", lambda stream: stream.write(text.encode()))
         _write(folder / "report.json", lambda stream: stream.write(answer.encode()))
         _save(_draw_diagnosis(plt, d, record, unit), folder / "report.png")
         print(f"{folder}: report.json, report.png, model.json")
+
+
+def _with_effects(file, model, record):
+    """Hypotheses of a model file with its processes and jumps, and its signatures."""
+    if not model.effects:
+        return model.hypotheses, ()
+    added = model.effects[0]
+    if any(other != added for other in model.effects):
+        raise ValueError(f"the hypotheses of {file} have different effects: "
+                         "diagnose takes one set for all")
+    for one in added:
+        name, kind = one.effect.name, one.effect.kind
+        if kind == "reading":
+            raise ValueError(f"{file} has {name}, which a record shows by itself: "
+                             "take it out to diagnose one")
+        if kind == "signature" and any(p.free for p in one.parameters.values()):
+            raise ValueError(f"{name} of {file} has a range: diagnose needs a number")
+        if one.column and one.column not in record.columns:
+            raise ValueError(f"{name} of {file} needs a column {one.column}: beside "
+                             f"the error is {', '.join(record.columns) or 'nothing'}")
+    scene = Scene(record.error, record.dt, record.columns)
+    return (tuple(with_processes(scene, h, added) for h in model.hypotheses),
+            tuple(one for one in added if one.effect.kind == "signature"))
 
 
 def _simulated(options, dt):

@@ -602,6 +602,59 @@ def test_diagnose_says_what_is_wrong_with_its_input(tmp_path, capsys):
         assert message in error and error.count("\n") == 1
 
 
+def test_a_model_with_effects_is_diagnosed_beyond_them(tmp_path, capsys):
+    noise = dict(name="correlated_noise", parameters=dict(tau=9.0, sigma=0.8))
+    step = dict(name="bias_step", parameters=dict(onset=700.0, size=6.0))
+    walk = dict(name="random_walk", parameters=dict(sigma_w=[0.04, 0.15], sigma_v=0.5))
+
+    def written(name, *effects):
+        file = tmp_path / name
+        file.write_text(json.dumps(dict(dt=1.0, hypotheses=[
+            dict(walk, effects=list(own), label=f"walk {number}")
+            for number, own in enumerate(effects)])))
+        return str(file)
+    model = written("m.json", (noise, step))
+    record, out = str(tmp_path / "r.npz"), tmp_path / "out"
+    assert sensorid.main(["simulate", model, "--samples", "2000", "--seed", "4",
+                          "--out", record]) == 0
+    with np.load(record) as z:
+        y = z["error"][0]
+    wave = 1.0 * np.sin(0.7 * np.arange(2000))
+    np.savez(record, error=y, dt=1.0)
+    assert sensorid.main(["diagnose", record, "--model", model]) == 0
+    assert "verdict: none" in capsys.readouterr().out
+    np.savez(record, error=y + wave, dt=1.0)
+    assert sensorid.main(["diagnose", record, "--model", model, "--out", str(out)]) == 0
+    assert "verdict: sinusoid" in capsys.readouterr().out
+    added = json.loads((out / "model.json").read_text())["hypotheses"][0]
+    assert [e["name"] for e in added["effects"]] == [
+        "bias_step", "correlated_noise", "sinusoid"]
+    assert added["name"] == "random_walk" and set(added["parameters"]) == {
+        "sigma_w", "sigma_v"}
+
+    ranged = dict(step, parameters=dict(onset=700.0, size=[1.0, 6.0]))
+    heat = dict(name="temperature", column="temperature",
+                parameters=dict(coefficient=1.0))
+    coarse = dict(name="quantization", parameters=dict(lsb=0.1))
+    for effects, message in ((((noise,), (step,)), "different effects"),
+                             (((ranged,),), "has a range"),
+                             (((heat,),), "needs a column temperature"),
+                             (((coarse,),), "take it out")):
+        bad = written("bad.json", *effects)
+        assert sensorid.main(["diagnose", record, "--model", bad]) == 2
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1
+
+
+def test_an_effect_found_twice_keeps_both_sets_of_parameters():
+    one, two = (sensorid.Cause("sinusoid", "", 1.0, 5.0, dict(frequency=(f, 0.1)))
+                for f in (0.1, 0.2))
+    both = sensorid._joined([one, two], 1.0)
+    assert both.parameters == {"sinusoid.frequency": (0.1, 0.1),
+                               "sinusoid_2.frequency": (0.2, 0.1)}
+    assert sensorid._joined([one], 1.0).parameters == one.parameters
+
+
 def test_effects_are_defined_on_request(tmp_path, capsys):
     assert sensorid.main(["diagnose", "--effects"]) == 0
     plain = capsys.readouterr().out
