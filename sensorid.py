@@ -4755,10 +4755,12 @@ def _followed(leaves, step, best):
 
 
 def expected_mean(hypotheses, dt, samples):
-    """Root mean square of the means of simulated records, u."""
-    means = [simulate(hypotheses, dt, samples, first=trial).error.mean()
-             for trial in range(64)]
-    return float(np.sqrt(np.mean(np.square(means))))
+    """Root mean square of the means of 64 simulated records, u."""
+    block = int(np.clip(BLOCK // samples, 1, 64))
+    means = np.concatenate([
+        simulate(hypotheses, dt, samples, min(block, 64 - first), first=first
+                 ).error.mean(1) for first in range(0, 64, block)])
+    return float(np.sqrt(np.mean(means**2)))
 
 
 def check_scene(y, dt, columns):
