@@ -4064,7 +4064,7 @@ def look(scene, acc, effects, processes=True):
     estimates = {}
     for number, t in enumerate(tries, 1):
         name = t.effect.name, t.column
-        if probability[1 + names.index(name)] > LISTED:
+        if probability[1 + names.index(name)] > LISTED or name == names[order[0]]:
             estimates[name], parameters[name] = estimate_signature(
                 hypotheses, plain, acc.signatures, t, samples, number)
     chosen = None
@@ -4701,8 +4701,8 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
         # a process shows in the undirected statistics, if it is there; jumps may not
         step = look(scene, acc, effects, not found or after.p_value < LOOK_ON)
         tell()
-        best = next(c for c in step.causes if c.effect != "none")
         if step.account is not None:
+            best = next(c for c in step.causes if c.effect != "none")
             leaves = _followed(leaves, step, best)
         for c in step.causes:
             listed = found if c.effect == "none" else [*found, c]

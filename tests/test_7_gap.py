@@ -646,6 +646,16 @@ def test_a_model_with_effects_is_diagnosed_beyond_them(tmp_path, capsys):
         assert message in error and error.count("\n") == 1
 
 
+def test_nothing_to_look_for_and_many_columns_to_look_at():
+    rng = np.random.default_rng(8)
+    y = sensorid.simulate(MODEL, DT, 400, 1, seed=3).error[0]
+    assert sensorid.diagnose(y, DT, MODEL, effects=()).verdict in ("none", "unknown")
+    many = {f"x{k}": rng.standard_normal(400) for k in range(120)}
+    y = y + 3.0 * many["x7"]
+    d = sensorid.diagnose(y, DT, MODEL, many, [sensorid.CATALOGUE["covariate"]])
+    assert d.verdict == "covariate" and d.found[0].column == "x7"
+
+
 def test_an_effect_found_twice_keeps_both_sets_of_parameters():
     one, two = (sensorid.Cause("sinusoid", "", 1.0, 5.0, dict(frequency=(f, 0.1)))
                 for f in (0.1, 0.2))
