@@ -2101,7 +2101,7 @@ def allan_variance(omega, dt, m):
 
     Parameters
     ----------
-    omega : (N,) array
+    omega : (..., N) array
         Rate or specific force, u, evenly sampled; NaN marks a missing sample.
     dt : float
         Sampling interval, s.
@@ -2110,7 +2110,7 @@ def allan_variance(omega, dt, m):
 
     Returns
     -------
-    float
+    float, or array (...)
         sigma^2(tau), u^2, from the pairs of clusters that miss nothing; NaN if there
         are none.
 
@@ -2131,18 +2131,26 @@ def allan_variance(omega, dt, m):
     2.0
     """
     omega = np.asarray(omega, float)
-    if not 1 <= m <= omega.size // 2:
+    samples = omega.shape[-1]
+    if not 1 <= m <= samples // 2:
         raise ValueError(
-            f"m = {m} does not fit a record of {omega.size} samples: the Allan "
-            f"variance needs two clusters, so 1 <= m <= {omega.size // 2}")
+            f"m = {m} does not fit a record of {samples} samples: the Allan "
+            f"variance needs two clusters, so 1 <= m <= {samples // 2}")
     gap = np.isnan(omega)
-    centred = np.where(gap, 0.0, omega - np.nanmean(omega))
-    phase = np.append(0.0, np.cumsum(centred)) * dt
-    second = phase[2 * m:] - 2.0 * phase[m:-m] + phase[:-2 * m]
+
+    def summed(x):    # up to every sample, from none on
+        return np.concatenate([np.zeros_like(x[..., :1]), x], -1).cumsum(-1)
+    mean = np.nanmean(omega, -1, keepdims=True)
+    phase = summed(np.where(gap, 0.0, omega - mean)) * dt
+    second = phase[..., 2 * m:] - 2.0 * phase[..., m:-m] + phase[..., :-2 * m]
+    pairs = second.shape[-1]
     if gap.any():
-        missed = np.append(0, np.cumsum(gap))
-        second = second[missed[2 * m:] == missed[:-2 * m]]
-    return float(np.mean(second**2) / (2.0 * (m * dt)**2)) if second.size else np.nan
+        missed = summed(gap.astype(int))
+        whole = missed[..., 2 * m:] == missed[..., :-2 * m]
+        second, pairs = np.where(whole, second, 0.0), whole.sum(-1)
+    with np.errstate(invalid="ignore"):
+        variance = (second**2).sum(-1) / pairs / (2.0 * (m * dt)**2)
+    return variance if variance.ndim else float(variance)
 
 
 def allan_deviation(omega, dt, per_octave=1):
@@ -2989,8 +2997,8 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
     mx, mP = np.zeros((levels, n)), np.zeros((levels, n, n))
     weight, prior = np.full(levels, 1.0 / levels), np.full(levels, 1.0 / levels)
     Ph = np.zeros((levels, n))
-    log_term, f = np.zeros((levels, 2)), np.zeros((levels, 2))
-    total, whole = 0.0, len(out) == 4
+    term, half, f = np.zeros((levels, 2)), np.zeros((levels, 2)), np.zeros((levels, 2))
+    total, product, whole = 0.0, 1.0, len(out) == 4
     for level in range(levels):
         for s in range(n):
             P[level, s, s] = p0[s]
@@ -3028,7 +3036,7 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
             for level in range(levels):
                 weight[level] = prior[level]
             continue
-        best, below, above = -np.inf, 0.0, 0.0
+        least, below, above = np.inf, 0.0, 0.0
         for level in range(levels):
             nu = y[i] - (2 * level - 1) * jump[1] * (levels - 1)
             f0 = r[min(i, len(r) - 1)]
@@ -3040,9 +3048,9 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
                 f[level, kind] = f0 + kind * outlier[1]
                 share = prior[level] * (
                     1.0 if kinds == 1 else outlier[0] if kind else 1.0 - outlier[0])
-                log_term[level, kind] = (np.log(share) - 0.5 * (
-                    LOG_2PI + np.log(f[level, kind]) + nu * nu / f[level, kind]))
-                best = max(best, log_term[level, kind])
+                term[level, kind] = share / np.sqrt(f[level, kind])
+                half[level, kind] = 0.5 * nu * nu / f[level, kind]
+                least = min(least, half[level, kind])
                 if whole:
                     e = nu / np.sqrt(2.0 * f[level, kind])
                     below += 0.5 * share * math.erfc(-e)
@@ -3050,19 +3058,24 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
         mass = 0.0
         for level in range(levels):
             for kind in range(kinds):
-                log_term[level, kind] = np.exp(log_term[level, kind] - best)
-                mass += log_term[level, kind]
-        total += best + np.log(mass)
+                if half[level, kind] > least:
+                    term[level, kind] *= np.exp(least - half[level, kind])
+                mass += term[level, kind]
+        product *= mass
+        total -= least + 0.5 * LOG_2PI
+        if not 1e-200 < product < 1e200:    # one logarithm for many samples
+            total += np.log(product)
+            product = 1.0
         if len(out):
-            out[-1, i] = best + np.log(mass)
+            out[-1, i] = np.log(mass) - least - 0.5 * LOG_2PI
         if whole:
             out[0, i], out[1, i], out[2, i] = below, above, 0.0
         for level in range(levels):
-            nu, own = mx[level, 0], log_term[level, 0]
+            nu, own = mx[level, 0], term[level, 0]
             if kinds == 2:
-                own += log_term[level, 1]
+                own += term[level, 1]
             weight[level] = max(own / mass, 1e-12)
-            wild = log_term[level, 1] / own if kinds == 2 and own > 0.0 else 0.0
+            wild = term[level, 1] / own if kinds == 2 and own > 0.0 else 0.0
             if whole:
                 out[2, i] += weight[level] * wild
             k0, k1 = 1.0 / f[level, 0], 0.0
@@ -3074,7 +3087,7 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
                 x[level, s] += Ph[level, s] * gain * nu
                 for t in range(n):
                     P[level, s, t] -= Ph[level, s] * Ph[level, t] * less
-    return total
+    return total + np.log(product)
 
 
 @njit(parallel=True, **JIT)
@@ -4298,20 +4311,29 @@ def _count_score(n, expected):
     return -ndtri(np.maximum(0.5 * (more + np.where(n > 0, as_many, 1.0)), 1e-300))
 
 
+SMOOTH = 5    # degree of the polynomials in a column: thermal models are of the third
+
+
 def probes(scene):
     """Columns (S, N) that residuals are held against: shifts, and the covariates."""
     N = len(scene.y)
     result = [("time", (scene.time[i], scene.time[-1]), "",
                (np.arange(N) >= i).astype(float))
               for i in np.linspace(0, N, 34).astype(int)[1:-1]]
-    for name, x in scene.columns.items():
-        if np.std(x) == 0.0:
-            continue
-        x = (x - x.mean()) / x.std()
-        for f in (x, x**2 - 1.0, np.append(0.0, np.diff(x))):
-            if np.std(f) > 0.0:
-                result.append(("covariate", (scene.columns[name].min(),
-                                             scene.columns[name].max()), name, f))
+    scaled = {name: 2.0 * (x - x.min()) / np.ptp(x) - 1.0
+              for name, x in scene.columns.items() if np.ptp(x) > 0.0}
+    curves = []
+    for name, x in scaled.items():
+        moved = np.append(0.0, np.diff(x))
+        curves += [(name, f) for f in (*np.polynomial.legendre.legvander(
+            x, SMOOTH).T[1:], moved, np.sign(moved))]    # the sign: hysteresis
+    if len(scaled) <= SMOOTH:    # what one column does may depend on another
+        curves += [(name, x * z) for (name, x), (_, z) in itertools.combinations(
+            (*scaled.items(), ("", scene.time / scene.time[-1] - 0.5)), 2)]
+    for name, f in curves:
+        if np.ptp(f) > 0.0:
+            x = scene.columns[name]
+            result.append(("covariate", (x.min(), x.max()), name, f - f.mean()))
     return result
 
 
@@ -4362,27 +4384,31 @@ def statistics(z, y, scene, white):
             put("time", *ends, "", _chi2_score(2.0 * band.sum(1), 2 * band.shape[1]))
 
     m = 2**np.arange(int(np.log2(max(N // 3, 1))) + 1)
-    adev = np.array([[allan_variance(row, dt, k) for k in m] for row in y])
-    for k, column in zip(m, adev.T):
-        put("averaging_time", k * dt, k * dt, "", 0.5 * np.log(column + 1e-300))
+    for k in m:
+        put("averaging_time", k * dt, k * dt, "",
+            0.5 * np.log(allan_variance(y, dt, k) + 1e-300))
 
     size = np.abs(z0) - np.sqrt(2.0 / np.pi)
     size = np.where(seen, np.minimum(size, 5.0), 0.0)
     for k in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64):
         if k < N // 4:
-            put("lag", k * dt, k * dt, "", (z0[:, k:] * z0[:, :-k]).sum(1)
-                / np.sqrt(count))
-            put("lag", k * dt, k * dt, "", (size[:, k:] * size[:, :-k]).sum(1)
-                / np.sqrt(count))
+            for x in (z0, size):
+                put("lag", k * dt, k * dt, "", np.einsum(
+                    "ri, ri -> r", x[:, k:], x[:, :-k]) / np.sqrt(count))
 
-    edges = np.concatenate([[-FAR], ndtri(np.linspace(0, 1, 13)[1:-1]), [FAR]])
-    for low, high in zip(edges[:-1], edges[1:]):
-        put("amplitude", low, high, "",
-            ((z0 >= low) & (z0 < high) & seen).sum(1) / np.sqrt(count / 12.0))
-    u = np.pi * ndtr(z0)    # smooth departures from the predicted law (Neyman)
-    for k in range(1, 9):
-        put("amplitude", -FAR, FAR, "",
-            np.where(seen, np.cos(k * u), 0.0).sum(1) / np.sqrt(0.5 * count))
+    u, classes = ndtr(z0), 12
+    at = np.minimum((classes * u).astype(int), classes - 1)
+    inside = np.bincount((at + classes * np.arange(R)[:, None])[seen],
+                         minlength=classes * R).reshape(R, classes)
+    edges = np.clip(ndtri(np.linspace(0, 1, classes + 1)), -FAR, FAR)
+    for low, high, number in zip(edges[:-1], edges[1:], inside.T):
+        put("amplitude", low, high, "", number / np.sqrt(count / classes))
+    # smooth departures from the predicted law (Neyman): the mean of cos(k pi u)
+    last, one = np.where(seen, 1.0, 0.0), np.where(seen, np.cos(np.pi * u), 0.0)
+    twice, this = 2.0 * one, one
+    for _ in range(8):
+        put("amplitude", -FAR, FAR, "", this.sum(1) / np.sqrt(0.5 * count))
+        last, this = this, twice * this - last
     for low, high in ((-FAR, -3.0), (3.0, FAR), (-FAR, -4.0), (4.0, FAR)):
         inside = ((z0 >= low) & (z0 < high)).sum(1)
         expected = count * ndtr(-min(abs(low), abs(high)))
@@ -6276,9 +6302,8 @@ def _draw_diagnosis(plt, d, record, unit):
             (d.final, d.after, "tab:blue", f"with {_added_names(d)}")):
         h, added = as_simulated(acc, scene, gap.theta)
         drawn = simulate_effects([h], [added], scene, 60, 1).error
-        curves = np.sqrt([[allan_variance(row, scene.dt, k) for k in m]
-                          for row in drawn])
-        middle.fill_between(tau, *np.nanquantile(curves, [0.05, 0.95], axis=0),
+        curves = np.sqrt([allan_variance(drawn, scene.dt, k) for k in m])
+        middle.fill_between(tau, *np.nanquantile(curves, [0.05, 0.95], axis=1),
                             color=colour, alpha=0.3, linewidth=0,
                             label=f"{label}, 90 % of records")
     middle.loglog(tau, adev, "k.-", label="record")

@@ -263,5 +263,6 @@ def draw(rows, trees):
 
 def main():
     rows = compute()
-    print(withheld.table(labels(rows)))
+    share = np.mean([row["effects"] == "none" for row in withheld.labels()])
+    print(withheld.table(labels(rows), share))
     save(draw(rows, forest()), "gap")

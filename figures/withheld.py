@@ -58,13 +58,17 @@ def compute():
     return reports
 
 
+def labels():
+    """What was done to every record."""
+    with open(DATA / "labels.csv", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
 def labelled(reports):
     """Rows of (effects, level, truth, report), read when all reports are written."""
-    with open(DATA / "labels.csv", newline="") as stream:
-        rows = list(csv.DictReader(stream))
     return [(row["effects"], int(row["level"]),
              json.loads(row["info"]).get("truth") or {} if row["info"] else {},
-             reports[row["record"]]) for row in rows]
+             reports[row["record"]]) for row in labels()]
 
 
 def right(effects, report):
@@ -104,15 +108,20 @@ def calibration(rows):
                      for effects, _, _, report in rows])
 
 
-def calibration_error(pairs, bins=10):
-    """Expected calibration error."""
+def calibration_error(pairs, weight=1.0, bins=10):
+    """Expected calibration error; `weight` (R,) is what every record counts."""
     at = np.minimum((pairs[:, 0] * bins).astype(int), bins - 1)
-    off = pairs[:, 0] - pairs[:, 1]
-    return sum(abs(off[at == b].sum()) for b in set(at)) / len(pairs)
+    weight = np.broadcast_to(weight, len(pairs))
+    off = weight * (pairs[:, 0] - pairs[:, 1])
+    return sum(abs(off[at == b].sum()) for b in set(at)) / weight.sum()
 
 
-def table(rows):
-    """The result as text."""
+def table(rows, share=None):
+    """The result as text.
+
+    However many records without an effect there are, in the calibration they weigh as
+    if they were this share of all.
+    """
     lines = []
 
     def line(text, hits):
@@ -138,14 +147,18 @@ def table(rows):
                          f"{np.median(closed):.2f} of {len(closed)} records")
     off = errors(rows)
     line("parameters within two reported sd", [abs(z) <= 2.0 for _, _, z in off])
-    for symbol, unit in (("onset", "s"), ("frequency", "Hz")):
-        own = [abs(e) for name, e, _ in off if name.endswith(symbol)]
-        if own:
-            lines.append(f"localisation, median error of {symbol}:      "
-                         f"{np.median(own):.2g} {unit} of {len(own)}")
-    pairs = calibration(rows)
+    duration = rows[0][3]["record"]["samples"] * rows[0][3]["record"]["dt"]
+    near = errors([r for r in rows if r[1] == 3])
+    for symbol, within, text in (
+            ("bias_step.onset", 0.01 * duration, "onset within 1 % of the record"),
+            ("sinusoid.frequency", 1.0 / duration, "frequency within 1 / T")):
+        line(f"{text}, level 3", [abs(e) < within for name, e, _ in near
+                                  if name == symbol])
+    none, weight = np.array([r[0] == "none" for r in rows]), np.ones(len(rows))
+    if share is not None and 0 < none.sum() < len(rows):
+        weight[none] = share / (1.0 - share) * np.sum(~none) / np.sum(none)
     lines.append("expected calibration error:                 "
-                 f"{calibration_error(pairs):.3f}")
+                 f"{calibration_error(calibration(rows), weight):.3f}")
     return "\n".join(lines)
 
 

@@ -184,7 +184,10 @@ def add(rng, effect, level, y, v, name, p, temperature, rate):
     if effect == "cubic_temperature":
         x = temperature - temperature.mean()
         x = x / x.std()
-        return y + white * (1, 1.5, 2.5, 4.0)[grade] * (x**3 - 3 * x) / 3, {}
+        # the level is that of what no line in temperature explains
+        odd, both, line = (information(s, name, p) for s in (x**3, x**3 + x, x))
+        rest = x**3 - (both - odd - line) / (2.0 * line) * x
+        return y + x**3 * np.sqrt(2.0 * LEVELS[level] / information(rest, name, p)), {}
     raise ValueError(effect)
 
 
