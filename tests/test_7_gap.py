@@ -488,10 +488,21 @@ def test_where_a_posterior_is_bent_a_node_stands_for_it():
     assert abs(np.hypot(a - 0.5, b - 0.5) - 0.4) < 0.02
 
 
-@pytest.mark.parametrize("effect", ["skewed_noise", "garch", "chirp"])
+@pytest.mark.parametrize("effect", ["skewed_noise", "garch", "chirp",
+                                    "cubic_temperature"])
 def test_an_effect_outside_the_catalogue_is_unknown(effect):
     assert diagnosed(generator.record(300, 1, [effect], level=4)).verdict in (
         "unknown", "undecided")
+
+
+def test_a_scale_factor_that_depends_on_temperature_is_unknown():
+    record = generator.record(300, 2)
+    shape = record["rate"] * (record["temperature"] - record["temperature"].mean())
+    told = generator.information(shape, record["base"], record["parameters"])
+    record["error"] = record["clean"] + shape * np.sqrt(200.0 / told)    # 100 nats
+    d = diagnosed(record)
+    assert d.verdict == "unknown"
+    assert d.after.p_place["covariate"] < 1e-4
 
 
 def test_two_effects_are_found_together():
