@@ -3338,6 +3338,7 @@ POINTS = 48       # of a round
 ROUNDS = 18       # at most
 ENOUGH = 60.0     # effective points at which the evidence is good to 0.13 nat
 LOST = 4          # rounds after which a mode is climbed if none has been found
+MISSED = 2.0      # nats that a mode is above all points of a sample that missed it
 STEP = 1e-2       # of numerical derivatives, in standard deviations of the prior: wide
                   # enough to pass over the roughness that a mixture filter has
 HOPELESS = 7.0    # nats below a rival: what the mean evidence would not notice
@@ -3417,7 +3418,7 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         mean[:k], cov[:k, :k] = guess
         x = np.vstack([x, propose(mean, cov)])
     theta, moved, ll = located(x)
-    climbed = []
+    climbed, missed = [], True
     for attempt in range(ROUNDS):
         log_w = log_weights()
         total = logsumexp(ll, axis=1)
@@ -3427,14 +3428,15 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
             return w / w.sum(), w.sum()**2 / (w @ w)
         w, effective = tempered(1.0)
         found = effective >= 5.0 * (d + 1)
-        if effective >= ENOUGH or (found or len(climbed) == 2) and (
+        if effective >= ENOUGH or (found or attempt > LOST + 1) and (
                 logsumexp(total + log_w) < floor - HOPELESS):
             break
-        if attempt in (LOST, LOST + 1) and not found:
+        if attempt in (LOST, LOST + 1) and missed and not found:
             height = total + moved - 0.5 * (x * x).sum(1)
-            for mode, _ in climbed:    # there may be a second one
+            for mode, _ in climbed:    # where one was missed, a second one may be, too
                 height[((x - mode)**2).sum(1) < 1.0] = -np.inf
             climbed.append(climb(log_posterior, x[height.argmax()]))
+            missed = log_posterior(climbed[-1][0][None])[0] > height.max() + MISSED
             new = propose(*climbed[-1])
         else:
             low, beta = 0.0, 1.0
@@ -4872,7 +4874,7 @@ def held_out(scene, start, final):
     score, ratio = [], []
     for acc in (start, final):
         fit = account(head, acc.bases, acc.hypotheses, tuple(
-            s._replace(columns=s.columns[:cut]) for s in acc.signatures))
+            s._replace(columns=s.columns[:cut]) for s in acc.signatures), past=acc)
         tail = predict(fit.hypotheses[fit.best], scene, acc.signatures,
                        fit.theta[None])
         score.append(tail.log_score[0, 0, cut:])

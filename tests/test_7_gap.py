@@ -258,7 +258,7 @@ def test_importance_sampling_of_a_sharp_correlated_gaussian():
     parameters = tuple(sensorid.Parameter(s, 0.0, 1.0) for s in "abc")
     C = 1e-4 * np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.3], [0.0, 0.3, 1.0]])
     law = multivariate_normal([0.3, 0.6, 0.5], C)
-    s = sensorid.integrate(lambda theta: law.logpdf(theta)[:, None], parameters)
+    s = sensorid.integrate(lambda theta: law.logpdf(theta).reshape(-1, 1), parameters)
     assert abs(s.log_evidence[0]) < 0.25    # the prior is 1 over the unit cube
     assert_allclose(s.weight @ s.theta, [0.3, 0.6, 0.5], atol=0.004)
 
