@@ -2542,8 +2542,7 @@ class Scene(NamedTuple):
     @property
     def white(self):
         """Standard deviation of the white part, from first differences; robust."""
-        step = np.abs(np.diff(self.y))
-        step = step[~np.isnan(step)]
+        step = np.abs(np.diff(self.y[~np.isnan(self.y)]))
         scale = np.median(step) / 0.6745 or np.sqrt(np.mean(step**2))
         return scale / np.sqrt(2.0)
 
@@ -2569,7 +2568,8 @@ def _none(scene):
 # ---- signatures: build(scene, column, psi) gives (variant, (N, k) array) pairs
 
 def _centred(x):
-    return x - x.mean()
+    """Less its mean; 0 where nothing but rounding varies."""
+    return (x - x.mean()) * (np.ptp(x) > 1e-9 * np.abs(x).max())
 
 
 def _from_start(scene, column, psi):
@@ -2706,8 +2706,6 @@ def _stick(scene, y, value):
 def lattice(y):
     """Spacing of the values of a record, or 0 where they lie on no lattice."""
     values = np.unique(y[~np.isnan(y)])
-    if len(values) < 3:
-        return 0.0
     step = np.diff(values)
     step = step[step > 1e-9 * (values[-1] - values[0])]
     lsb = step.min()
@@ -2877,6 +2875,7 @@ def extend(scene, h, effect):
         own = {p.symbol.split(".")[1]: values.pop(p.symbol) for p in extra}
         return inner(dt, **values, **(own if effect.kind == "process" else {}))
     model.plain = getattr(h.model, "plain", h)
+    model.effects = {**getattr(h.model, "effects", {}), effect.name: effect}
     return h._replace(model=model, parameters=h.parameters + extra)
 
 
@@ -3274,6 +3273,8 @@ def onset_law(h, scene, signatures):
         return None
     at = symbols.index("noise_step.onset")
     low, high = h.parameters[at].low, h.parameters[at].high
+    if low == high:
+        return None
 
     def moved(theta):
         """Theta with its onset at the quantile of that law that it has in the prior."""
@@ -3301,6 +3302,10 @@ def _gram(h, scene, columns, theta):
     """`Gram` of columns by polarization: 2 c'd = (c + d)'(c + d) - c'c - d'd."""
     c, gap = len(columns), np.isnan(scene.y)
     pairs = [(i, j) for i in range(c) for j in range(i)]
+    # of one size: a sum must not lose the smaller of two columns
+    size = np.array([np.sqrt(np.nansum(column**2) / len(gap)) or 1.0
+                     for column in columns])
+    columns = np.array(columns) / size[:, None]
     rows = np.array([*columns, *(columns[i] + columns[j] for i, j in pairs)])
     sums = next(filter_bank(bank(h, scene.dt, theta), np.where(gap, np.nan, rows),
                             [len(scene.y)]))
@@ -3312,6 +3317,8 @@ def _gram(h, scene, columns, theta):
     for chi2, (i, j) in zip(sums.chi2[c:], pairs):
         products[:, i, j] = products[:, j, i] = 0.5 * (
             chi2 - sums.chi2[i] - sums.chi2[j])
+    size = np.append(size, 1.0)
+    products *= size[:, None] * size
     return Gram(sums.count, sums.log_det, products)
 
 
@@ -3387,7 +3394,9 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         theta, moved = at_quantiles(parameters, ndtr(x)), np.zeros(len(x))
         if move is not None:
             theta, moved = move(theta)
-        return theta, moved, log_likelihood(theta)
+        # where a filter breaks down nothing is explained
+        ll = log_likelihood(theta)
+        return theta, moved, np.where(np.isfinite(ll), ll, -1e100)
 
     def log_posterior(x):
         _, moved, ll = located(x)
@@ -3581,6 +3590,15 @@ def _log_bayes(gain, k):
 _TABLE = {k: np.logaddexp.reduce(_log_bayes(_ROOT**2, k), axis=-1) for k in (1, 2)}
 
 
+@njit(**JIT)
+def _looked_up(gain, table, per_unit):
+    at = np.sqrt(gain) * per_unit
+    low = int(min(at, len(table) - 1.0))
+    if low == len(table) - 1:    # beyond the table, ln B grows as gain / 2
+        return table[low] + 0.5 * (gain - (low / per_unit)**2)
+    return table[low] + (at - low) * (table[low + 1] - table[low])
+
+
 @njit(parallel=True, **JIT)
 def _mean_bayes(gain, table, per_unit):
     """ln of the mean Bayes factor over all psi, (M,), from gains (M, m)."""
@@ -3591,16 +3609,16 @@ def _mean_bayes(gain, table, per_unit):
         best = 0.0
         for j in range(m):
             best = max(best, gain[node, j])
+        top = _looked_up(best, table, per_unit)
         small, large = 0.0, 0.0
         for j in range(m):
             at = np.sqrt(gain[node, j]) * per_unit
-            low = min(int(at), len(table) - 2)
-            if low < len(plain) - 1:
+            if at < len(plain) - 1:
+                low = int(at)
                 small += plain[low] + (at - low) * (plain[low + 1] - plain[low])
             elif gain[node, j] > best - 100.0:
-                large += np.exp(table[low] + (at - low) * (table[low + 1] - table[low])
-                                - 0.5 * best)
-        result[node] = np.log(small * np.exp(-0.5 * best) + large) + 0.5 * best
+                large += np.exp(_looked_up(gain[node, j], table, per_unit) - top)
+        result[node] = np.log(small * np.exp(-top) + large) + top
     return result - np.log(m)
 
 
@@ -3706,7 +3724,9 @@ def _scan_steps(solved, scene):
     number = np.cumsum(solved.residual[:, ::-1], axis=1)[:, ::-1]
     cross = np.cumsum(solved.w[:, :, ::-1], axis=2)[:, :, ::-1]
     J = solved.steps - np.einsum("mci,mcd,mdi->mi", cross, solved.cov, cross)
-    J = np.maximum(J, 1e-6 * solved.steps + 1e-300)[:, 1:]
+    # after the last sample that is not missing there is none
+    J = np.maximum(J, 1e-6 * solved.steps + 1e-9 * solved.steps.max(1, keepdims=True)
+                   )[:, 1:]
     number = number[:, 1:]
     return Scan(scene.time[1:], number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
 
@@ -3782,13 +3802,17 @@ def searches(scene, effects, signatures=()):
             for p in e.parameters(scene):
                 psi = np.geomspace(p.low, p.high, STEPS)
             result.append(_search(scene, e, name, psi))
-    return result
+    return [r for r in result if r.columns is None or len(r.columns)]
 
 
 def _search(scene, effect, column, psi):
     """`Search` of explicit signatures at the given psi."""
     x = scene.columns.get(column)
-    parts = [(value, *part) for value in psi for part in effect.build(scene, x, value)]
+    parts = [(value, *part) for value in psi for part in effect.build(scene, x, value)
+             if np.any(part[1])]
+    if any(p[2].shape not in ((len(scene.y), 1), (len(scene.y), 2)) for p in parts):
+        raise ValueError(f"effect {effect.name} builds columns {parts[0][2].shape}: "
+                         f"({len(scene.y)}, 1) or ({len(scene.y)}, 2) are needed")
     return Search(effect, column, np.array([p[0] for p in parts]),
                   tuple(p[1] for p in parts), np.array([p[2].T for p in parts]))
 
@@ -4075,22 +4099,27 @@ def look(scene, acc, effects, processes=True):
     probability = probabilities([np.log(alone), *(
         np.log((1.0 - alone) * share / share.sum())
         + [log_bayes[name] for name in names])])
-    order = np.argsort(-probability[1:])
+    # columns are rivals in where an effect comes from, not in what it is
+    own = {}
+    for i in np.argsort(-probability[1:]):
+        own.setdefault(names[i][0], []).append(i)
+    total = {effect: float(probability[1:][i].sum()) for effect, i in own.items()}
+    best = names[own[max(total, key=total.get)][0]] if own else None
     estimates = {}
     for number, t in enumerate(tries, 1):
         name = t.effect.name, t.column
-        if probability[1 + names.index(name)] > LISTED or name == names[order[0]]:
+        if name == names[own[name[0]][0]] and (
+                total[name[0]] > LISTED or name == best):
             estimates[name], parameters[name] = estimate_signature(
                 hypotheses, plain, acc.signatures, t, samples, number)
     chosen = None
     if probability[0] < 0.5:
-        best = names[order[0]]
         if best in accounts:
             chosen = accounts[best]
-            own = next(e for e in effects if e.name == best[0])
-            if plain is not scene and own.kind == "process":
+            effect = next(e for e in effects if e.name == best[0])
+            if plain is not scene and effect.kind == "process":
                 chosen = account(scene, acc.bases, [
-                    extend(scene, h, own) for h in acc.hypotheses],
+                    extend(scene, h, effect) for h in acc.hypotheses],
                     acc.signatures, acc.readings, acc)
         else:
             chosen = account(scene, acc.bases, acc.hypotheses,
@@ -4100,13 +4129,21 @@ def look(scene, acc, effects, processes=True):
             # what stood in for the jumps misled: the filter with jumps sees nothing
             return look(scene, acc, [e for e in effects if e.name != best[0]],
                         processes)
-    causes = [Cause(effect, "" if effect == "wrong_parameter" else column,
-                    float(probability[1 + i]), float(log_bayes[effect, column]),
-                    parameters.get((effect, column), {}))
-              for i in order for effect, column in [names[i]]]
+    causes = [Cause(effect, "" if effect == "wrong_parameter" else _either(
+                        [names[i][1] for i in rivals if
+                         probability[1 + i] > 0.1 * probability[1 + rivals[0]]]),
+                    total[effect], float(log_bayes[names[rivals[0]]]),
+                    parameters.get(names[rivals[0]], {}))
+              for effect, rivals in own.items()]
     causes.append(Cause("none", "", float(probability[0]), 0.0, {}))
     causes.sort(key=lambda c: -c.probability)
     return Step(tuple(causes), chosen)
+
+
+def _either(columns):
+    """Columns of which any may be the cause, as text."""
+    return " or ".join(columns if len(columns) <= 3 else
+                       [*columns[:2], f"{len(columns) - 2} others"])
 
 
 def _share(acc, effect, symbol):
@@ -4228,11 +4265,15 @@ def estimate_signature(hypotheses, scene, signatures, search, samples, number):
         second = (square**2 + (k + 5) * square * var + (k + 2) * var**2) / (
             square + k * var)
         pieces.append((mass, mean, second,
-                       np.broadcast_to(result.psi[near][:, None], mass.shape)))
+                       np.broadcast_to(result.psi[near][:, None], mass.shape),
+                       np.array(variant)[near]))
         if mass.sum((0, 2)).max() > most:
             most = mass.sum((0, 2)).max()
             best = near[mass.sum((0, 2)).argmax()]
             chosen = float(result.psi[best]), variant[best]
+
+    # the sizes of different variants have different units
+    pieces = [[part[:, p[4] == chosen[1]] for part in p[:4]] for p in pieces]
 
     def expected(values):
         return (sum((p[0] * v).sum() for p, v in zip(pieces, values))
@@ -4472,7 +4513,7 @@ def as_simulated(acc, scene, theta, widths=None):
         if dot:
             effects.setdefault(effect, {})[name] = Parameter(
                 name, value[symbol][0], value[symbol][0])
-    added = [Added(CATALOGUE[effect], "", "", parameters)
+    added = [Added(h.model.effects[effect], "", "", parameters)
              for effect, parameters in effects.items()]
     masked, hypotheses = _gaussian(scene, acc)
     inner = hypotheses[acc.best]
@@ -4568,6 +4609,8 @@ def distance(scene, acc, trials=None, seed=0):
         T.append(statistics(part.z[:, 0], read, scene, white).value)
         s.append(scores(masked, part))
     T, s = np.vstack(T), np.vstack(s)
+    usable = np.isfinite(T).all(0)    # no two clusters may be without a gap
+    T = np.where(usable, T, 0.0)
     if free:
         s -= s[1:].mean(0)
         inverse = _inverse(s[1:])
@@ -4577,8 +4620,8 @@ def distance(scene, acc, trials=None, seed=0):
     d = (T - T[1:].mean(0)) / sd
     d = np.clip(d, -1e3, 1e3)
     places = np.array(stats.place)
-    p_place = {place: _tail(np.abs(d[:, places == place]).max(1))
-               for place in PLACES if (places == place).any()}
+    p_place = {place: _tail(np.abs(d[:, own]).max(1)) for place in PLACES
+               for own in [(places == place) & usable] if own.any()}
     p_value = -np.expm1(len(p_place) * np.log1p(-min(p_place.values())))
     return Gap(stats._replace(value=T[0]), d[0], d[1:], p_place,
                float(max(p_value, 1e-15)), truth, z[0],
@@ -4636,7 +4679,7 @@ class Diagnosis(NamedTuple):
     closed: float            # fraction of the gap; NaN where there was none
     closed_interval: tuple
     nats_per_sample: float   # gain of the one-step-ahead log score
-    held_out: tuple          # HeldOut; None where nothing was found
+    held_out: tuple          # HeldOut; None where nothing was found to foretell from
     needed_duration: float   # s; NaN unless undecided
 
 
@@ -4645,6 +4688,7 @@ MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be 
 SURE = 0.5              # a verdict is more probable than all others together
 OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on
 UNEXPECTED = 3.0        # standard deviations of the mean: a bias the simulator lacks
+ROUNDING = 1e5          # a prior this much wider than the record tells nothing
 LOOK_ON = 0.2           # p-value from which on no second process is looked for
 MOST = 3                # effects beside readings, looked for one after another
 
@@ -4696,6 +4740,8 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
     y = np.asarray(y, float)
     columns = {name: np.asarray(x, float) for name, x in (columns or {}).items()}
     check_scene(y, dt, columns)
+    if not hypotheses:
+        raise ValueError("a simulator without a hypothesis: at least one is needed")
     effects = tuple(CATALOGUE.values() if effects is None else effects)
     full = scene = Scene(y, dt, columns)
     done = iter(range(1, 100))
@@ -4705,6 +4751,9 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
             number = next(done)
             progress(MOST + 3 if last else number, MOST + 3)
     bases, mean = tuple(hypotheses), abs(float(np.nanmean(y)))
+    # of two numbers in double precision, one must not drown the other
+    most = ROUNDING * max(float(np.nanstd(y)), mean)
+    bases = tuple(h._replace(bias_sigma=min(h.bias_sigma, most)) for h in bases)
     if mean > UNEXPECTED * expected_mean(bases, dt, len(y)):
         # a bias that the simulator does not expect must not pass for an effect
         bases = tuple(h._replace(bias_sigma=max(h.bias_sigma, mean)) for h in bases)
@@ -4759,7 +4808,7 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
         causes.append(Cause("none", "", 0.0, 0.0, {}))
     causes.sort(key=lambda c: -c.probability)
     verdict = causes[0].effect if causes[0].probability >= SURE else "undecided"
-    gain = (acc.log_evidence - start.log_evidence) / np.sum(~np.isnan(scene.y))
+    gain = (acc.log_evidence - start.log_evidence) / max(np.sum(~np.isnan(scene.y)), 1)
     return Diagnosis(full, verdict, tuple(causes), base, acc, tuple(found), before,
                      after, *closure(before, after), float(gain),
                      held_out(scene, start, acc) if acc.signatures or
@@ -4867,14 +4916,26 @@ LAGS = 32    # samples back that the flexible regression looks
 
 
 def held_out(scene, start, final):
-    """`HeldOut` of an account with effects against that without."""
+    """`HeldOut` of an account with effects against that without; None where one of them
+    begins in the last third.
+    """
     cut = 2 * len(scene.y) // 3
+    known = {p.symbol: value for p, value in zip(
+        final.hypotheses[final.best].parameters, final.theta)
+        if p.symbol == "noise_step.onset"}
+    if any(onset > cut * scene.dt for onset in known.values()) or any(
+            not s.columns[:cut].any() for s in final.signatures):
+        return None
     head = Scene(scene.y[:cut], scene.dt,
                  {name: x[:cut] for name, x in scene.columns.items()})
     score, ratio = [], []
     for acc in (start, final):
-        fit = account(head, acc.bases, acc.hypotheses, tuple(
-            s._replace(columns=s.columns[:cut]) for s in acc.signatures), past=acc)
+        hypotheses = [h._replace(parameters=tuple(
+            p._replace(low=known[p.symbol], high=known[p.symbol])
+            if p.symbol in known else p for p in h.parameters)) for h in acc.hypotheses]
+        fit = account(head, acc.bases, hypotheses, tuple(
+            s._replace(columns=s.columns[:cut]) for s in acc.signatures),
+            past=None if known else acc)
         tail = predict(fit.hypotheses[fit.best], scene, acc.signatures,
                        fit.theta[None])
         score.append(tail.log_score[0, 0, cut:])
@@ -6137,16 +6198,16 @@ def _outstanding(gap):
 def report(d, record):
     """Contents of report.json for a diagnosis of a `Record`."""
     s = d.before.statistics
-    return dict(
+    return _finite(dict(
         record=dict(file=record.file, column=record.column, samples=len(record.error),
                     dt=record.dt),
         verdict=d.verdict,
         gap=dict(p_value=d.before.p_value, residual_p_value=d.after.p_value,
-                 before=d.rms_before, after=d.rms_after, closed=_finite(d.closed),
-                 closed_interval=_finite(d.closed_interval),
+                 before=d.rms_before, after=d.rms_after, closed=d.closed,
+                 closed_interval=d.closed_interval,
                  nats_per_sample=d.nats_per_sample,
-                 held_out=d.held_out and _finite(d.held_out._asdict())),
-        where=[dict(place=s.place[i], at=_finite(s.at[i].tolist()),
+                 held_out=d.held_out and d.held_out._asdict()),
+        where=[dict(place=s.place[i], at=s.at[i],
                     column=s.column[i] or None, before=abs(float(d.before.distance[i])),
                     after=abs(float(d.after.distance[i])),
                     p_value=d.before.p_place[s.place[i]],
@@ -6154,10 +6215,10 @@ def report(d, record):
                for i in _outstanding(d.before)],
         causes=[dict(effect=c.effect, column=c.column or None,
                      probability=c.probability, log_bayes_factor=c.log_bayes,
-                     parameters={k: dict(mean=_finite(v[0]), sd=_finite(v[1]))
+                     parameters={k: dict(mean=v[0], sd=v[1])
                                  for k, v in c.parameters.items()})
                 for c in d.causes],
-        needed_duration=_finite(d.needed_duration))
+        needed_duration=d.needed_duration))
 
 
 FACTORS = {9.80665: "g taken for m/s^2", 57.29578: "deg taken for rad",
@@ -6243,6 +6304,8 @@ def _table(d, record, unit):
         if d.verdict != "none":
             lines.append(f"{name} is confused with {e.resembles}; "
                          f"to tell: {e.experiment}")
+    lines += [f"{one.effect.name} is that with the {one.variant} of {one.column}"
+              for one in d.final.signatures if one.effect.build is _curved]
     for column in {s.column for s in d.final.signatures if s.column}:
         low, high = _clusters(d.scene.columns[column])
         if high:

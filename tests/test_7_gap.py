@@ -667,6 +667,73 @@ def test_nothing_to_look_for_and_many_columns_to_look_at():
     assert d.verdict == "covariate" and d.found[0].column == "x7"
 
 
+WHITE = [sensorid.hypothesis("white_noise", sigma_v=1.0)]
+
+
+def test_a_step_of_any_size_is_a_step():
+    y = np.random.default_rng(0).normal(size=2000)
+    y[1000:] += 1000.0    # 22 000 standard errors
+    d = sensorid.diagnose(y, DT, WHITE, effects=[
+        sensorid.CATALOGUE[e] for e in ("rate_ramp", "bias_step", "turn_on_transient")])
+    assert d.verdict == "bias_step"
+    assert abs(d.causes[0].log_bayes / (0.5 * 500.0 * 1e6) - 1.0) < 1e-3
+
+
+def test_columns_that_are_alike_do_not_share_the_blame():
+    rng = np.random.default_rng(1)
+    T = np.sin(np.arange(600) / 90.0)
+    y = rng.normal(size=600) + 0.6 * T
+    d = sensorid.diagnose(y, DT, WHITE, {
+        f"t{k}": T + 0.01 * rng.normal(size=600) for k in range(5)})
+    assert d.verdict == "covariate"
+    assert d.causes[0].column.count(" or ") == 2
+    assert d.causes[0].column.endswith("3 others")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("missing", [slice(-1, None), slice(96, 97), slice(0, None, 2)])
+def test_any_samples_may_be_missing(missing):
+    y = np.random.default_rng(0).normal(size=192)
+    y[100:] += 1.5
+    y[missing] = np.nan
+    d = sensorid.diagnose(y, DT, WHITE)
+    assert d.verdict == "bias_step"
+    record = sensorid.Record("", "error", y, DT)
+    json.dumps(sensorid.report(d, record), allow_nan=False)
+
+
+def test_units_are_no_effect():
+    rng = np.random.default_rng(7)
+    T = np.sin(np.arange(500) / 90.0)
+    y = rng.normal(size=500) + T
+
+    def found(u, per):
+        h = sensorid.hypothesis("random_walk", sigma_w=(1e-3 * u, 0.3 * u),
+                                sigma_v=(0.3 * u, 3.0 * u))
+        d = sensorid.diagnose(u * y, DT, [h], dict(temperature=per * T))
+        return [c.probability for c in d.causes if c.probability > 0.02]
+    assert_allclose(found(1e-9, 1e6), found(1e-7, 1.0), atol=0.01)
+
+
+def test_what_two_thirds_do_not_show_is_not_foretold():
+    y = np.random.default_rng(9).normal(size=1200)
+    y[1000:] *= 4.0
+    d = sensorid.diagnose(y, DT, WHITE)
+    assert d.verdict == "noise_step" and d.held_out is None
+    y[600:1000] *= 4.0
+    d = sensorid.diagnose(y, DT, WHITE)
+    assert d.held_out.ratio_before > 3.0 and 0.8 < d.held_out.ratio_after < 1.25
+
+
+def test_the_modulus_of_a_rate_is_not_averaged_with_its_square():
+    rng = np.random.default_rng(6)
+    rate = rng.uniform(-5.0, 5.0, 600)
+    d = sensorid.diagnose(rng.normal(size=600) + 0.05 * rate**2, DT, WHITE,
+                          dict(rate=rate))
+    mean, sd = d.causes[0].parameters["coefficient"]
+    assert d.verdict == "nonlinearity" and abs(mean - 0.05) < 3.0 * sd < 0.03
+
+
 def test_an_effect_found_twice_keeps_both_sets_of_parameters():
     one, two = (sensorid.Cause("sinusoid", "", 1.0, 5.0, dict(frequency=(f, 0.1)))
                 for f in (0.1, 0.2))
