@@ -2706,6 +2706,8 @@ def _stick(scene, y, value):
 def lattice(y):
     """Spacing of the values of a record, or 0 where they lie on no lattice."""
     values = np.unique(y[~np.isnan(y)])
+    if len(values) < 2:
+        return 0.0
     step = np.diff(values)
     step = step[step > 1e-9 * (values[-1] - values[0])]
     lsb = step.min()
@@ -4034,7 +4036,7 @@ class Cause(NamedTuple):
     """An effect as the explanation of a record."""
 
     effect: str
-    column: str
+    column: str         # "a or b" where columns are alike
     probability: float
     log_bayes: float
     parameters: dict    # name -> (mean, sd)
