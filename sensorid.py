@@ -4800,8 +4800,9 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
         leaves[one.effect] = one
     tell(last=True)
 
+    # what stands out only beside an added effect speaks against that effect
     unknown = (PRIOR_UNKNOWN / MISSING_NATS if any(r.opaque for r in known)
-               else unknown_probability(after.p_value))
+               else unknown_probability(max(before.p_value, after.p_value)))
     total = sum(c.probability for c in leaves.values())
     causes = [c._replace(probability=float((1.0 - unknown) * c.probability / total))
               for c in leaves.values()]

@@ -471,6 +471,12 @@ def test_nothing_is_said_where_nothing_is():
     assert sum(v not in ("none", "undecided") for v in said) <= 1, said
 
 
+def test_what_stands_out_beside_a_wrong_effect_only_is_not_unknown():
+    # its telegraph noise is none: the record fits the simulator, and not with it
+    d = diagnosed(generator.record(2026, 538, edge=True))
+    assert d.before.p_value > 0.1 and d.verdict in ("none", "undecided")
+
+
 def test_where_in_its_ranges_the_simulator_lies_is_no_effect():
     corner = [sensorid.hypothesis("markov", tau_m=60.0, sigma_m=1.5, sigma_v=1.0)]
     for y in sensorid.simulate(corner, DT, generator.N, 5, seed=43).error:
