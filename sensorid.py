@@ -2998,7 +2998,8 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
     mx, mP = np.zeros((levels, n)), np.zeros((levels, n, n))
     weight, prior = np.full(levels, 1.0 / levels), np.full(levels, 1.0 / levels)
     Ph = np.zeros((levels, n))
-    term, half, f = np.zeros((levels, 2)), np.zeros((levels, 2)), np.zeros((levels, 2))
+    term, half = np.zeros((levels, 2)), np.zeros((levels, 2))
+    per_f = np.zeros((levels, 2))
     total, product, whole = 0.0, 1.0, len(out) == 4
     for level in range(levels):
         for s in range(n):
@@ -3046,14 +3047,14 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
                 f0 += H[i, s] * Ph[level, s]
             mx[level, 0] = nu
             for kind in range(kinds):
-                f[level, kind] = f0 + kind * outlier[1]
+                per_f[level, kind] = 1.0 / (f0 + kind * outlier[1])
                 share = prior[level] * (
                     1.0 if kinds == 1 else outlier[0] if kind else 1.0 - outlier[0])
-                term[level, kind] = share / np.sqrt(f[level, kind])
-                half[level, kind] = 0.5 * nu * nu / f[level, kind]
+                term[level, kind] = share * np.sqrt(per_f[level, kind])
+                half[level, kind] = 0.5 * nu * nu * per_f[level, kind]
                 least = min(least, half[level, kind])
                 if whole:
-                    e = nu / np.sqrt(2.0 * f[level, kind])
+                    e = nu * np.sqrt(0.5 * per_f[level, kind])
                     below += 0.5 * share * math.erfc(-e)
                     above += 0.5 * share * math.erfc(e)
         mass = 0.0
@@ -3079,9 +3080,9 @@ def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
             wild = term[level, 1] / own if kinds == 2 and own > 0.0 else 0.0
             if whole:
                 out[2, i] += weight[level] * wild
-            k0, k1 = 1.0 / f[level, 0], 0.0
+            k0, k1 = per_f[level, 0], 0.0
             if kinds == 2:
-                k1 = 1.0 / f[level, 1]
+                k1 = per_f[level, 1]
             gain = (1.0 - wild) * k0 + wild * k1
             less = gain - wild * (1.0 - wild) * (k0 - k1)**2 * nu * nu
             for s in range(n):
@@ -3233,6 +3234,7 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
         P, x, Ph = np.empty((n, n)), np.empty(n), np.empty(n)
         for late in range(2):
             variance = r[node] * (ratio[node]**2 if late else 1.0)
+            last, log_f = 0.0, 0.0
             P[:], x[:] = 0.0, 0.0
             for s in range(n):
                 P[s, s] = p0[node, s]
@@ -3249,13 +3251,16 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
                     f += H[i, s] * Ph[s]
                 if np.isnan(nu):
                     continue
-                square = nu * nu / f
-                gain[i] += (late - 0.5) * (np.log(f) + min(square, WILD))
+                per_f = 1.0 / f
+                if abs(f - last) > 1e-6 * f:    # a law to draw from need not be exact
+                    last, log_f = f, np.log(f)
+                square = nu * nu * per_f
+                gain[i] += (late - 0.5) * (log_f + min(square, WILD))
                 if square < WILD:
                     for s in range(n):
-                        x[s] += Ph[s] * nu / f
+                        x[s] += Ph[s] * nu * per_f
                         for t in range(n):
-                            P[s, t] -= Ph[s] * Ph[t] / f
+                            P[s, t] -= Ph[s] * Ph[t] * per_f
         gain = np.cumsum(gain)[:N - 1]
         mass = np.exp(gain - gain.max())
         mass = (1.0 - STRAY) / mass.sum() * mass + STRAY / (N - 1)
