@@ -3818,7 +3818,8 @@ def _search(scene, effect, column, psi):
     parts = [(value, *part) for value in psi for part in effect.build(scene, x, value)
              if np.any(part[1])]
     if any(p[2].shape not in ((len(scene.y), 1), (len(scene.y), 2)) for p in parts):
-        raise ValueError(f"effect {effect.name} builds columns {parts[0][2].shape}: "
+        raise ValueError(f"effect {effect.name} builds columns of shape "
+                         f"{sorted({p[2].shape for p in parts})}: "
                          f"({len(scene.y)}, 1) or ({len(scene.y)}, 2) are needed")
     return Search(effect, column, np.array([p[0] for p in parts]),
                   tuple(p[1] for p in parts), np.array([p[2].T for p in parts]))
@@ -4362,6 +4363,7 @@ def _count_score(n, expected):
 
 
 SMOOTH = 5    # degree of the polynomials in a column: thermal models are of the third
+FEW = 5       # columns at most whose products are looked at: of more there are too many
 
 
 def probes(scene):
@@ -4377,7 +4379,7 @@ def probes(scene):
         moved = np.append(0.0, np.diff(x))
         curves += [(name, f) for f in (*np.polynomial.legendre.legvander(
             x, SMOOTH).T[1:], moved, np.sign(moved))]    # the sign: hysteresis
-    if len(scaled) <= SMOOTH:    # what one column does may depend on another
+    if len(scaled) <= FEW:    # what one column does may depend on another
         curves += [(name, x * z) for (name, x), (_, z) in itertools.combinations(
             (*scaled.items(), ("", scene.time / scene.time[-1] - 0.5)), 2)]
     for name, f in curves:
