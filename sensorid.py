@@ -2978,131 +2978,167 @@ def _add_jumps(y, dt, value, rng):
 # ---- likelihood: Gaussian through the bank, jumps and signatures through a filter of
 # their own
 
-@njit(**JIT)
-def _mixture_filter(y, H, a, q, p0, r, outlier, jump, out):
-    """Log-likelihood of one record under a filter with outliers and two levels.
-
-    H (N, n) observes n independent processes with factors a, noise variances q and
-    prior variances p0; r (1 or N,). outlier = rate, variance; jump = probability of a
-    change of level, half the distance of the levels (0: one level). out gets, in four
-    rows of N, of every sample the predictive probabilities below and above it, that of
-    its being an outlier, and its log density; in one row the last of these.
-
-    One Gaussian per level is kept (interacting multiple models; Blom and Bar-Shalom,
-    "The interacting multiple model algorithm", IEEE Trans. Autom. Control 33, 1988).
-    """
-    N, n = H.shape
-    levels = 2 if jump[1] > 0.0 else 1
-    kinds = 2 if outlier[0] > 0.0 else 1
-    x, P = np.zeros((levels, n)), np.zeros((levels, n, n))
-    mx, mP = np.zeros((levels, n)), np.zeros((levels, n, n))
-    weight, prior = np.full(levels, 1.0 / levels), np.full(levels, 1.0 / levels)
-    Ph = np.zeros((levels, n))
-    term, half = np.zeros((levels, 2)), np.zeros((levels, 2))
-    per_f = np.zeros((levels, 2))
-    total, product, whole = 0.0, 1.0, len(out) == 4
-    for level in range(levels):
-        for s in range(n):
-            P[level, s, s] = p0[s]
-    for i in range(N):
-        if levels == 2:
-            p = jump[0]
-            for level in range(2):
-                stay = weight[level] * (1.0 - p)
-                come = weight[1 - level] * p
-                prior[level] = stay + come
-                share = stay / prior[level]
-                for s in range(n):
-                    mx[level, s] = share * x[level, s] + (1.0 - share) * x[1 - level, s]
-                for s in range(n):
-                    for t in range(s + 1):
-                        mP[level, s, t] = (
-                            share * P[level, s, t] + (1.0 - share) * P[1 - level, s, t]
-                            + share * (1.0 - share)
-                            * (x[0, s] - x[1, s]) * (x[0, t] - x[1, t]))
-            for level in range(2):
-                for s in range(n):
-                    x[level, s] = mx[level, s]
-                    for t in range(s + 1):
-                        P[level, s, t] = P[level, t, s] = mP[level, s, t]
-        for level in range(levels):
-            for s in range(n):
-                x[level, s] *= a[s]
-                Ph[level, s] = 0.0
-                for t in range(n):
-                    P[level, s, t] *= a[s] * a[t]
-                    Ph[level, s] += P[level, s, t] * H[i, t]
-                P[level, s, s] += q[s]
-                Ph[level, s] += q[s] * H[i, s]
-        if np.isnan(y[i]):
-            for level in range(levels):
-                weight[level] = prior[level]
-            continue
-        least, below, above = np.inf, 0.0, 0.0
-        for level in range(levels):
-            nu = y[i] - (2 * level - 1) * jump[1] * (levels - 1)
-            f0 = r[min(i, len(r) - 1)]
-            for s in range(n):
-                nu -= H[i, s] * x[level, s]
-                f0 += H[i, s] * Ph[level, s]
-            mx[level, 0] = nu
-            for kind in range(kinds):
-                per_f[level, kind] = 1.0 / (f0 + kind * outlier[1])
-                share = prior[level] * (
-                    1.0 if kinds == 1 else outlier[0] if kind else 1.0 - outlier[0])
-                term[level, kind] = share * np.sqrt(per_f[level, kind])
-                half[level, kind] = 0.5 * nu * nu * per_f[level, kind]
-                least = min(least, half[level, kind])
-                if whole:
-                    e = nu * np.sqrt(0.5 * per_f[level, kind])
-                    below += 0.5 * share * math.erfc(-e)
-                    above += 0.5 * share * math.erfc(e)
-        mass = 0.0
-        for level in range(levels):
-            for kind in range(kinds):
-                if half[level, kind] > least:
-                    term[level, kind] *= np.exp(least - half[level, kind])
-                mass += term[level, kind]
-        product *= mass
-        total -= least + 0.5 * LOG_2PI
-        if not 1e-200 < product < 1e200:    # one logarithm for many samples
-            total += np.log(product)
-            product = 1.0
-        if len(out):
-            out[-1, i] = np.log(mass) - least - 0.5 * LOG_2PI
-        if whole:
-            out[0, i], out[1, i], out[2, i] = below, above, 0.0
-        for level in range(levels):
-            nu, own = mx[level, 0], term[level, 0]
-            if kinds == 2:
-                own += term[level, 1]
-            weight[level] = max(own / mass, 1e-12)
-            wild = term[level, 1] / own if kinds == 2 and own > 0.0 else 0.0
-            if whole:
-                out[2, i] += weight[level] * wild
-            k0, k1 = per_f[level, 0], 0.0
-            if kinds == 2:
-                k1 = per_f[level, 1]
-            gain = (1.0 - wild) * k0 + wild * k1
-            less = gain - wild * (1.0 - wild) * (k0 - k1)**2 * nu * nu
-            for s in range(n):
-                x[level, s] += Ph[level, s] * gain * nu
-                for t in range(n):
-                    P[level, s, t] -= Ph[level, s] * Ph[level, t] * less
-    return total + np.log(product)
+ABREAST = 8    # pairs of a record and a node that go through a filter side by side
 
 
 @njit(parallel=True, **JIT)
 def _mixture_filters(y, H, a, q, p0, r, outlier, jump, out):
-    """`_mixture_filter` of every record (R, N) at every node (M, n): (R, M)."""
-    R, M = len(y), len(a)
+    """Log-likelihoods (R, M) of records under filters with outliers and two levels.
+
+    y (R, N); H (N, n) observes n independent processes with factors a, noise variances
+    q and initial variances p0 (M, n); r (M, 1 or N). outlier (M, 2) = rate, variance;
+    jump (M, 2) = probability of a change of level, half the distance of the levels
+    (0: one level). out (R, M, 4 or 0, N) gets of every sample the predictive
+    probabilities below and above it, that of its being an outlier, and its log density;
+    where nothing jumps, its normal score in place of the first.
+
+    One Gaussian per level is kept (interacting multiple models; Blom and Bar-Shalom,
+    "The interacting multiple model algorithm", IEEE Trans. Autom. Control 33, 1988).
+    """
+    R, N = y.shape
+    M, n = a.shape
+    rows, pairs = out.shape[2], R * M
+    levels = 2 if jump[:, 1].max() > 0.0 else 1
+    kinds = 2 if outlier[:, 0].max() > 0.0 else 1
     total = np.empty((R, M))
-    for task in prange(R * M):
-        record = task // M
-        node = task - record * M
-        total[record, node] = _mixture_filter(
-            y[record], H, a[node], q[node], p0[node], r[node], outlier[node],
-            jump[node], out[record, node])
+    for group in prange((pairs + ABREAST - 1) // ABREAST):
+        record, node = np.empty(ABREAST, np.int64), np.empty(ABREAST, np.int64)
+        A, Q = np.empty((n, ABREAST)), np.empty((n, ABREAST))
+        rate, wider = np.empty(ABREAST), np.empty(ABREAST)
+        change, offset = np.empty(ABREAST), np.empty(ABREAST)
+        x, P = np.zeros((levels, n, ABREAST)), np.zeros((levels, n, n, ABREAST))
+        Ph, apart = np.empty((levels, n, ABREAST)), np.empty((n, ABREAST))
+        weight = np.full((levels, ABREAST), 1.0 / levels)
+        prior, share = weight.copy(), np.ones((levels, ABREAST))
+        seen, nu, f = np.empty(ABREAST), np.empty((levels, ABREAST)), np.empty(ABREAST)
+        per_f, half = np.empty((2, levels, kinds, ABREAST))
+        term, mass = np.empty((levels, kinds, ABREAST)), np.empty(ABREAST)
+        least, wild = np.empty(ABREAST), np.zeros((levels, ABREAST))
+        gain, shrink = np.empty(ABREAST), np.empty(ABREAST)
+        log_f, product = np.zeros(ABREAST), np.ones(ABREAST)
+        number = min(ABREAST, pairs - group * ABREAST)
+        for g in range(ABREAST):
+            pair = min(group * ABREAST + g, pairs - 1)
+            record[g], node[g] = pair // M, pair % M
+            rate[g], wider[g] = outlier[node[g]]
+            change[g], offset[g] = jump[node[g]]
+            for s in range(n):
+                A[s, g], Q[s, g] = a[node[g], s], q[node[g], s]
+                for level in range(levels):
+                    P[level, s, s, g] = p0[node[g], s]
+        for i in range(N):
+            if levels == 2:
+                for level in range(2):
+                    for g in range(ABREAST):
+                        stay = weight[level, g] * (1.0 - change[g])
+                        prior[level, g] = stay + weight[1 - level, g] * change[g]
+                        share[level, g] = stay / prior[level, g]
+                for s in range(n):
+                    for g in range(ABREAST):
+                        apart[s, g] = x[0, s, g] - x[1, s, g]
+                        x[0, s, g] -= (1.0 - share[0, g]) * apart[s, g]
+                        x[1, s, g] += (1.0 - share[1, g]) * apart[s, g]
+                    for t in range(s + 1):
+                        for g in range(ABREAST):
+                            more = P[0, s, t, g] - P[1, s, t, g]
+                            both = apart[s, g] * apart[t, g]
+                            P[0, s, t, g] -= (1.0 - share[0, g]) * (
+                                more - share[0, g] * both)
+                            P[1, s, t, g] += (1.0 - share[1, g]) * (
+                                more + share[1, g] * both)
+            for g in range(ABREAST):
+                value = y[record[g], i]
+                seen[g] = 0.0 if np.isnan(value) else 1.0
+                for level in range(levels):
+                    nu[level, g] = (value if seen[g] > 0.0 else 0.0) - (
+                        2 * level - 1) * (levels - 1) * offset[g]
+                least[g] = np.inf
+            for level in range(levels):
+                for g in range(ABREAST):
+                    f[g] = r[node[g], min(i, r.shape[1] - 1)]
+                for s in range(n):
+                    for g in range(ABREAST):
+                        x[level, s, g] *= A[s, g]
+                        nu[level, g] -= H[i, s] * x[level, s, g]
+                        Ph[level, s, g] = 0.0
+                    for t in range(s + 1):
+                        for g in range(ABREAST):
+                            P[level, s, t, g] *= A[s, g] * A[t, g]
+                    for g in range(ABREAST):
+                        P[level, s, s, g] += Q[s, g]
+                    for t in range(s):
+                        for g in range(ABREAST):
+                            Ph[level, s, g] += H[i, t] * P[level, s, t, g]
+                            Ph[level, t, g] += H[i, s] * P[level, s, t, g]
+                    for g in range(ABREAST):
+                        Ph[level, s, g] += H[i, s] * P[level, s, s, g]
+                for s in range(n):
+                    for g in range(ABREAST):
+                        f[g] += H[i, s] * Ph[level, s, g]
+                for kind in range(kinds):
+                    for g in range(ABREAST):
+                        k = 1.0 / (f[g] + kind * wider[g])
+                        per_f[level, kind, g] = k
+                        term[level, kind, g] = prior[level, g] * np.sqrt(k) * (
+                            rate[g] if kind else 1.0 - rate[g])
+                        half[level, kind, g] = 0.5 * k * nu[level, g] * nu[level, g]
+                        least[g] = min(least[g], half[level, kind, g])
+            mass[:] = 0.0
+            for level in range(levels):
+                for kind in range(kinds):
+                    for g in range(ABREAST):
+                        if half[level, kind, g] > least[g]:
+                            term[level, kind, g] *= np.exp(
+                                least[g] - half[level, kind, g])
+                    for g in range(ABREAST):
+                        mass[g] += term[level, kind, g]
+            for g in range(ABREAST):
+                log_f[g] += seen[g] * (least[g] + 0.5 * LOG_2PI)
+                product[g] *= seen[g] * mass[g] + 1.0 - seen[g]
+            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
+                for g in range(ABREAST):
+                    log_f[g] -= np.log(product[g])
+                    product[g] = 1.0
+            for level in range(levels):
+                for g in range(ABREAST):
+                    own = term[level, 0, g]
+                    k, less = per_f[level, 0, g], per_f[level, 0, g]
+                    if kinds == 2:
+                        own += term[level, 1, g]
+                        wild[level, g] = term[level, 1, g] / own if own > 0.0 else 0.0
+                        apart_k = k - per_f[level, 1, g]
+                        k -= wild[level, g] * apart_k
+                        less = k - wild[level, g] * (1.0 - wild[level, g]) * (
+                            apart_k * nu[level, g])**2
+                    weight[level, g] = max(own / mass[g], 1e-12) if (
+                        seen[g] > 0.0) else prior[level, g]
+                    gain[g], shrink[g] = seen[g] * k * nu[level, g], seen[g] * less
+                for s in range(n):
+                    for g in range(ABREAST):
+                        x[level, s, g] += Ph[level, s, g] * gain[g]
+                    for t in range(s + 1):
+                        for g in range(ABREAST):
+                            P[level, s, t, g] -= (
+                                Ph[level, s, g] * Ph[level, t, g] * shrink[g])
+            for g in range(number * rows // 4):
+                if seen[g] == 0.0:
+                    continue
+                at = out[record[g], node[g], :, i]
+                at[3] = np.log(mass[g]) - least[g] - 0.5 * LOG_2PI
+                at[:3] = 0.0
+                if levels * kinds == 1:
+                    at[0] = nu[0, g] * np.sqrt(per_f[0, 0, g])
+                    continue
+                for level in range(levels):
+                    at[2] += weight[level, g] * wild[level, g]
+                    for kind in range(kinds):
+                        part = 0.5 * prior[level, g] * (
+                            rate[g] if kind else 1.0 - rate[g])
+                        e = nu[level, g] * np.sqrt(0.5 * per_f[level, kind, g])
+                        at[0] += part * math.erfc(-e)
+                        at[1] += part * math.erfc(e)
+        for g in range(number):
+            total[record[g], node[g]] = -log_f[g]
     return total
 
 
@@ -3188,6 +3224,8 @@ def predict(h, scene, signatures, theta, y=None):
     total, out = _filtered(h, scene, signatures, theta,
                            scene.y[None] if y is None else y, 4)
     below, above = out[:, :, 0], out[:, :, 1]
+    if not _has_jumps(h):
+        return Predicted(total, below, out[:, :, 2], out[:, :, 3])
     with np.errstate(divide="ignore"):
         z = np.where(below < above, ndtri(below), -ndtri(above))
     return Predicted(total, np.clip(z, -37.0, 37.0), out[:, :, 2], out[:, :, 3])
@@ -3221,7 +3259,7 @@ WILD = 25.0     # squared standard score from which on a sample may be an outlie
 @njit(parallel=True, **JIT)
 def _draw_onsets(y, H, a, q, p0, r, ratio, u):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
-    the log of their density over 1 / N.
+    the log of their density over 1 / N; ABREAST nodes side by side.
 
     The filter of the early noise, of variance r (M,), up to a sample and that of the
     late one, of variance r ratio^2, from there on nearly give the likelihood of every
@@ -3229,47 +3267,63 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
     """
     M, n, N = len(a), a.shape[1], len(y)
     onset, density = np.empty(M), np.empty(M)
-    for node in prange(M):
-        gain = np.zeros(N)
-        P, x, Ph = np.empty((n, n)), np.empty(n), np.empty(n)
+    for group in prange((M + ABREAST - 1) // ABREAST):
+        first, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
+        A, Q = np.zeros((n, ABREAST)), np.zeros((n, ABREAST))
+        P, x, Ph = np.empty((n, n, ABREAST)), np.empty((n, ABREAST)), np.empty((n, ABREAST))
+        noise, f, nu = np.ones(ABREAST), np.empty(ABREAST), np.empty(ABREAST)
+        last, log_f, weight = np.zeros((3, ABREAST))
+        gain = np.zeros((N, ABREAST))
         for late in range(2):
-            variance = r[node] * (ratio[node]**2 if late else 1.0)
-            last, log_f = 0.0, 0.0
             P[:], x[:] = 0.0, 0.0
-            for s in range(n):
-                P[s, s] = p0[node, s]
-            for i in range(N):
-                f, nu = variance, y[i]
+            for g in range(number):
+                node = first + g
+                noise[g] = r[node] * (ratio[node]**2 if late else 1.0)
                 for s in range(n):
-                    x[s] *= a[node, s]
-                    nu -= H[i, s] * x[s]
-                    Ph[s] = q[node, s] * H[i, s]
+                    A[s, g], Q[s, g] = a[node, s], q[node, s]
+                    P[s, s, g] = p0[node, s]
+            for i in range(N):
+                for g in range(ABREAST):
+                    nu[g] = y[i]
+                f[:] = noise
+                for s in range(n):
+                    for g in range(ABREAST):
+                        x[s, g] *= A[s, g]
+                        nu[g] -= H[i, s] * x[s, g]
+                        Ph[s, g] = Q[s, g] * H[i, s]
                     for t in range(n):
-                        P[s, t] *= a[node, s] * a[node, t]
-                        Ph[s] += P[s, t] * H[i, t]
-                    P[s, s] += q[node, s]
-                    f += H[i, s] * Ph[s]
-                if np.isnan(nu):
+                        for g in range(ABREAST):
+                            P[s, t, g] *= A[s, g] * A[t, g]
+                            Ph[s, g] += P[s, t, g] * H[i, t]
+                    for g in range(ABREAST):
+                        P[s, s, g] += Q[s, g]
+                        f[g] += H[i, s] * Ph[s, g]
+                if np.isnan(y[i]):
                     continue
-                per_f = 1.0 / f
-                if abs(f - last) > 1e-6 * f:    # a law to draw from need not be exact
-                    last, log_f = f, np.log(f)
-                square = nu * nu * per_f
-                gain[i] += (late - 0.5) * (log_f + min(square, WILD))
-                if square < WILD:
-                    for s in range(n):
-                        x[s] += Ph[s] * nu * per_f
-                        for t in range(n):
-                            P[s, t] -= Ph[s] * Ph[t] * per_f
-        gain = np.cumsum(gain)[:N - 1]
-        mass = np.exp(gain - gain.max())
-        mass = (1.0 - STRAY) / mass.sum() * mass + STRAY / (N - 1)
-        k, rest = 0, u[node]
-        while k < N - 2 and rest > mass[k]:
-            rest -= mass[k]
-            k += 1
-        onset[node] = k + min(max(rest / mass[k], 1e-6), 1.0)
-        density[node] = np.log(mass[k] * (N - 1))
+                for g in range(ABREAST):
+                    if abs(f[g] - last[g]) > 1e-6 * f[g]:
+                        # a law to draw from need not be exact
+                        last[g], log_f[g] = f[g], np.log(f[g])
+                    square = nu[g] * nu[g] / f[g]
+                    gain[i, g] += (late - 0.5) * (log_f[g] + min(square, WILD))
+                    weight[g] = 1.0 / f[g] if square < WILD else 0.0
+                for s in range(n):
+                    for g in range(ABREAST):
+                        x[s, g] += Ph[s, g] * nu[g] * weight[g]
+                    for t in range(n):
+                        for g in range(ABREAST):
+                            P[s, t, g] -= Ph[s, g] * Ph[t, g] * weight[g]
+        for g in range(number):
+            node = first + g
+            total = np.cumsum(gain[:, g])[:N - 1]
+            mass = np.exp(total - total.max())
+            mass = (1.0 - STRAY) / mass.sum() * mass + STRAY / (N - 1)
+            k, rest = 0, u[node]
+            while k < N - 2 and rest > mass[k]:
+                rest -= mass[k]
+                k += 1
+            onset[node] = k + min(max(rest / mass[k], 1e-6), 1.0)
+            density[node] = np.log(mass[k] * (N - 1))
     return onset, density
 
 
