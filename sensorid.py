@@ -3402,14 +3402,14 @@ class Sample(NamedTuple):
         return w / w.sum()
 
 
-POINTS = 48       # of a round
+POINTS = 2 * GROUP    # of a round; the bank takes whole groups
 ROUNDS = 18       # at most
 ENOUGH = 60.0     # effective points at which the evidence is good to 0.13 nat
 LOST = 4          # rounds after which a mode is climbed if none has been found
 MISSED = 2.0      # nats that a mode is above all points of a sample that missed it
 STEP = 1e-2       # of numerical derivatives, in standard deviations of the prior: wide
                   # enough to pass over the roughness that a mixture filter has
-HOPELESS = 7.0    # nats below a rival: what the mean evidence would not notice
+HOPELESS = 3.0    # nats below a rival: what the mean evidence would hardly notice
 
 
 def _log_t(x, mean, chol, nu=5.0):
@@ -3468,10 +3468,11 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         theta, moved, ll = located(x)
         return Sample(theta, x, moved, ll, ll[0])
     rng = np.random.default_rng(seed)
-    # Latin hypercube of the prior
-    strata = np.array([rng.permutation(POINTS) for _ in range(d)]).T
-    x = ndtri((strata + rng.random(strata.shape)) / POINTS)
-    parts = [(POINTS, lambda x: -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI)]
+    # Latin hypercube of the prior: few where a whole guess may do better
+    few = POINTS if guess is None or len(guess[0]) < d else POINTS // 4
+    strata = np.array([rng.permutation(few) for _ in range(d)]).T
+    x = ndtri((strata + rng.random(strata.shape)) / few)
+    parts = [(few, lambda x: -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI)]
 
     def propose(mean, cov):
         chol = np.linalg.cholesky(1.2 * cov + 1e-12 * np.eye(d))
@@ -3498,8 +3499,9 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
             return w / w.sum(), w.sum()**2 / (w @ w)
         w, effective = tempered(1.0)
         found = effective >= 5.0 * (d + 1)
-        if effective >= ENOUGH or (found or attempt > LOST + 1) and (
-                logsumexp(total + log_w) < floor - HOPELESS):
+        below = floor - logsumexp(total + log_w)
+        if effective >= ENOUGH or found and below > HOPELESS or (
+                attempt > LOST + 1 and below > 3.0 * HOPELESS):
             break
         if attempt in (LOST, LOST + 1) and missed and not found:
             height = total + moved - 0.5 * (x * x).sum(1)
@@ -4019,10 +4021,12 @@ class Account(NamedTuple):
         return max(s.log_likelihood.max() for s in self.samples)
 
 
-def account(scene, bases, hypotheses=None, signatures=(), found=(), past=None):
+def account(scene, bases, hypotheses=None, signatures=(), found=(), past=None,
+            floor=-np.inf):
     """Fit of all hypotheses to a scene, with equal prior probabilities.
 
-    `past` is an account of hypotheses with fewer parameters, if there is one.
+    `past` is an account of hypotheses with fewer parameters, if there is one; `floor`
+    as for `integrate`.
     """
     hypotheses = bases if hypotheses is None else hypotheses
 
@@ -4034,7 +4038,7 @@ def account(scene, bases, hypotheses=None, signatures=(), found=(), past=None):
         h = hypotheses[number]
         samples[number] = integrate(
             likelihood_of(h), h.parameters, _guess(past, number),
-            onset_law(h, scene, signatures), evidence.max())
+            onset_law(h, scene, signatures), max(floor, evidence.max()))
         evidence[number] = samples[number].log_evidence[0]
     best = int(np.argmax(evidence))
     return Account(tuple(bases), tuple(hypotheses), tuple(signatures), tuple(found),
@@ -4148,7 +4152,8 @@ def look(scene, acc, effects, processes=True):
             continue
         if e.kind in ("process", "jumps") and _fits(e, acc, scene):
             new = account(at, acc.bases, [extend(at, h, e) for h in start.hypotheses],
-                          acc.signatures, acc.readings, start)
+                          acc.signatures, acc.readings, start,
+                          start.log_evidence + HOPELESS)
             enter((e.name, ""), new, start, _account_parameters(e.name, new))
         elif e.kind == "parameter":
             for p, new, factor in wrong_parameters(scene, acc):
