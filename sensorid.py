@@ -3270,7 +3270,8 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
     for group in prange((M + ABREAST - 1) // ABREAST):
         first, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
         A, Q = np.zeros((n, ABREAST)), np.zeros((n, ABREAST))
-        P, x, Ph = np.empty((n, n, ABREAST)), np.empty((n, ABREAST)), np.empty((n, ABREAST))
+        P, x = np.empty((n, n, ABREAST)), np.empty((n, ABREAST))
+        Ph = np.empty((n, ABREAST))
         noise, f, nu = np.ones(ABREAST), np.empty(ABREAST), np.empty(ABREAST)
         last, log_f, weight = np.zeros((3, ABREAST))
         gain = np.zeros((N, ABREAST))
@@ -4608,26 +4609,35 @@ TRIALS = 199    # simulated records behind every p-value; half of them for a rec
 MANY = 20000    # of more samples than this
 
 
-def distance(scene, acc, trials=None, seed=0):
+def distance(scene, acc, trials=None, seed=0, first=0):
     """`Gap` of a record to the simulator of an account, put through the same fit.
 
     The record and `trials` simulated ones are filtered at the posterior mean. Refitting
     each would change a statistic by its regression on the score, the derivative of the
     log-likelihood to the parameters; that is taken away instead, for all alike.
+
+    With `first`, of the samples from that one on, which had no part in the fit: nothing
+    is taken away, but the simulated records have parameters drawn from the posterior.
     """
     h, sample, theta = acc.hypotheses[acc.best], acc.samples[acc.best], acc.theta
     trials = trials or (TRIALS if len(scene.y) <= MANY else TRIALS // 2)
-    free = free_columns(h.parameters)
+    free = [] if first else free_columns(h.parameters)
     symbols = [p.symbol for p in h.parameters]
     step = 0.5 * np.sqrt(sample.weight @ (sample.theta - theta)**2)
     step = np.where(theta + step < [p.high for p in h.parameters], step, -step)
     shifted = theta + np.diag(step)[free]
     own = without_readings(scene.y[None], acc.readings)
+    fitted, late = scene._replace(y=own[0]), scene
+    if first:
+        fitted = scene._replace(y=np.append(own[0, :first], np.full(
+            len(scene.y) - first, np.nan)))
+        late = Scene(scene.y[first:], scene.dt,
+                     {name: x[first:] for name, x in scene.columns.items()})
     lsb, noise = lattice_and_noise(scene.y)
     printed = lsb if lsb <= COARSE * noise else 0.0
 
     def simulator(theta):
-        return as_simulated(acc, scene._replace(y=own[0]), theta)
+        return as_simulated(acc, fitted, theta)
 
     def drawn(simulator, trials, seed, first=0):
         """Records of the simulator as they are read, and less what says nothing."""
@@ -4664,18 +4674,25 @@ def distance(scene, acc, trials=None, seed=0):
             length = np.sqrt(move @ np.linalg.pinv(cov) @ move)    # standard deviations
             truth[free] = np.maximum(
                 truth[free] + move * step[free] / max(length, 1.0), 0.5 * truth[free])
-    white = _whitened_probes(acc, scene, own[0])
+    white = _whitened_probes(acc, scene, own[0], late)
     real = predicted(own)
     z = real.z[:, 0]
-    stats = statistics(z, scene.y[None], scene, white)
+    stats = statistics(z[:, first:], late.y[None], late, white)
     T, s = [stats.value], [scores(own, real)]
-    fixed = simulator(truth)
+    truths = truth[None]
+    if first:
+        truths = sample.theta[np.searchsorted(
+            np.cumsum(sample.weight), (np.arange(RESAMPLED) + 0.5) / RESAMPLED)]
     block = int(np.clip(BLOCK // len(scene.y), 1, trials))
-    for first in range(0, trials, block):
-        read, masked = drawn(fixed, min(block, trials - first), seed, first)
-        part = predicted(masked)
-        T.append(statistics(part.z[:, 0], read, scene, white).value)
-        s.append(scores(masked, part))
+    for one, share in zip(truths, np.array_split(np.arange(trials), len(truths))):
+        fixed = simulator(one)
+        for number in share[::block]:
+            size = min(block, share[-1] + 1 - number)
+            read, masked = drawn(fixed, size, seed, number)
+            part = predicted(masked)
+            T.append(statistics(part.z[:, 0, first:], read[:, first:], late, white
+                                ).value)
+            s.append(scores(masked, part))
     T, s = np.vstack(T), np.vstack(s)
     usable = np.isfinite(T).all(0)    # no two clusters may be without a gap
     T = np.where(usable, T, 0.0)
@@ -4701,8 +4718,9 @@ def _inverse(scores):
     return np.linalg.pinv(np.cov(scores.T).reshape(scores.shape[1], -1), rcond=1e-6)
 
 
-def _whitened_probes(acc, scene, y):
-    """`probes` through the filter of an account without its jumps, of unit norm.
+def _whitened_probes(acc, scene, y, late):
+    """`probes` of the end of a scene through the filter of an account without its
+    jumps, of unit norm.
 
     The normal scores of a column far smaller than the noise are its innovations.
     """
@@ -4711,10 +4729,11 @@ def _whitened_probes(acc, scene, y):
     values = dict(zip((p.symbol for p in acc.hypotheses[acc.best].parameters),
                       acc.theta))
     theta = np.array([[values[p.symbol] for p in h.parameters]])
-    probe = np.array([p[3] for p in probes(scene)])
+    probe = np.array([p[3] for p in probes(late)])
     probe *= 1e-3 * scene.white / np.abs(probe).max(1)[:, None]
-    probe = np.where(np.isnan(y), np.nan, probe)
-    white = predict(h, scene, acc.signatures, theta, probe).z[:, 0]
+    first = len(y) - len(late.y)
+    probe = np.where(np.isnan(y), np.nan, np.pad(probe, ((0, 0), (first, 0))))
+    white = predict(h, scene, acc.signatures, theta, probe).z[:, 0, first:]
     white = np.where(np.isnan(white), 0.0, white)
     return white / (np.sqrt((white**2).sum(1))[:, None] + 1e-300)
 
@@ -4880,8 +4899,8 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
     gain = (acc.log_evidence - start.log_evidence) / max(np.sum(~np.isnan(scene.y)), 1)
     return Diagnosis(full, verdict, tuple(causes), base, acc, tuple(found), before,
                      after, *closure(before, after), float(gain),
-                     held_out(scene, start, acc) if acc.signatures or
-                     acc.hypotheses != start.hypotheses else None,
+                     held_out(full, start, acc, trials or TRIALS // 2, seed + 2)
+                     if acc.signatures or acc.hypotheses != start.hypotheses else None,
                      needed_duration(causes, full) if verdict == "undecided"
                      else np.nan)
 
@@ -4979,16 +4998,22 @@ class HeldOut(NamedTuple):
     reference: float      # of a flexible regression, nats a sample
     ratio_before: float   # real over calculated standard deviation of the predictions
     ratio_after: float    # the same with the effects: 1 where the criteria coincide
+    before: float         # rms distance of what stands out there, standard deviations
+    after: float          # the same with the effects; 1 is no gap
+    closed: float         # fraction of the gap; NaN where there was none
+    closed_interval: tuple
 
 
 LAGS = 32    # samples back that the flexible regression looks
 
 
-def held_out(scene, start, final):
+def held_out(scene, start, final, trials=None, seed=0):
     """`HeldOut` of an account with effects against that without; None where one of them
     begins in the last third.
     """
     cut = 2 * len(scene.y) // 3
+    full, scene = scene, scene._replace(
+        y=without_readings(scene.y[None], final.readings)[0])
     known = {p.symbol: value for p, value in zip(
         final.hypotheses[final.best].parameters, final.theta)
         if p.symbol == "noise_step.onset"}
@@ -4997,18 +5022,20 @@ def held_out(scene, start, final):
         return None
     head = Scene(scene.y[:cut], scene.dt,
                  {name: x[:cut] for name, x in scene.columns.items()})
-    score, ratio = [], []
+    score, ratio, gaps = [], [], []
     for acc in (start, final):
         hypotheses = [h._replace(parameters=tuple(
             p._replace(low=known[p.symbol], high=known[p.symbol])
             if p.symbol in known else p for p in h.parameters)) for h in acc.hypotheses]
         fit = account(head, acc.bases, hypotheses, tuple(
             s._replace(columns=s.columns[:cut]) for s in acc.signatures),
-            past=None if known else acc)
+            acc.readings, None if known else acc)
+        fit = fit._replace(signatures=acc.signatures)
         tail = predict(fit.hypotheses[fit.best], scene, acc.signatures,
                        fit.theta[None])
         score.append(tail.log_score[0, 0, cut:])
         ratio.append(float(np.sqrt(np.nanmean(tail.z[0, 0, cut:]**2))))
+        gaps.append(distance(full, fit, trials, seed, cut))
     back = np.column_stack([np.ones_like(scene.y), *scene.columns.values(), *(
         np.roll(scene.y, lag) for lag in range(1, LAGS + 1))])
     whole = ~np.isnan(back).any(1) & ~np.isnan(scene.y) & (
@@ -5023,7 +5050,8 @@ def held_out(scene, start, final):
         density = -0.5 * (LOG_2PI + np.log(variance)
                           + (scene.y - back @ c)[late]**2 / variance)
         reference = float(np.mean(density - score[0][late[cut:]]))
-    return HeldOut(float(np.nanmean(score[1] - score[0])), reference, *ratio)
+    return HeldOut(float(np.nanmean(score[1] - score[0])), reference, *ratio,
+                   *closure(*gaps))
 
 
 def needed_duration(causes, scene):
@@ -6355,15 +6383,15 @@ def _table(d, record, unit):
         lines.append(f"{s.place[i]:<16}{_at(s, i):<30}{before:>8.1f}{after:>8.1f}"
                      f"{d.before.p_place[s.place[i]]:>10.2g}")
     if np.isfinite(d.closed):
-        low, high = d.closed_interval
-        lines.append(f"closed by adding {_added_names(d)}: {100 * d.closed:.0f} % "
-                     f"[{100 * low:.0f}, {100 * high:.0f}] of the gap, "
+        lines.append(f"closed by adding {_added_names(d)}: {_percent(d)} of the gap, "
                      f"{d.nats_per_sample:.2g} nats a sample; left: p = "
                      f"{d.after.p_value:.2g}")
     if d.held_out:
         h = d.held_out
         lines.append("the last third, by a fit of the others: "
-                     f"{h.gain:+.2g} nats a sample (a regression on {LAGS} samples "
+                     + (f"closed {_percent(h)}, " if np.isfinite(h.closed) else
+                        "nothing stands out, ")
+                     + f"{h.gain:+.2g} nats a sample (a regression on {LAGS} samples "
                      f"and all columns: {h.reference:+.2g}); errors are "
                      f"{h.ratio_before:.3g} of what is calculated before, "
                      f"{h.ratio_after:.3g} after")
@@ -6389,6 +6417,12 @@ def _table(d, record, unit):
         lines.append("what is left fits no effect of the catalogue: look at "
                      f"{s.place[i].replace('_', ' ')}, {_at(s, i)}")
     return "\n".join(lines) + "\n"
+
+
+def _percent(part):
+    """What is closed of a gap, and its interval, as text."""
+    low, high = part.closed_interval
+    return f"{100 * part.closed:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
 
 
 def _at(s, i):
