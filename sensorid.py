@@ -4636,13 +4636,13 @@ def distance(scene, acc, trials=None, seed=0, first=0):
     lsb, noise = lattice_and_noise(scene.y)
     printed = lsb if lsb <= COARSE * noise else 0.0
 
-    def simulator(theta):
-        return as_simulated(acc, fitted, theta)
+    def simulator(*thetas):
+        """Hypotheses with numbers for parameters, and the effects of each."""
+        return tuple(zip(*(as_simulated(acc, fitted, one) for one in thetas)))
 
-    def drawn(simulator, trials, seed, first=0):
+    def drawn(simulator, trials, seed, number=0):
         """Records of the simulator as they are read, and less what says nothing."""
-        fixed, added = simulator
-        read = simulate_effects([fixed], [added], scene, trials, seed, first).error
+        read = simulate_effects(*simulator, scene, trials, seed, number).error
         if printed:    # to so many digits, finer than would be an effect
             _quantize(scene, read, dict(lsb=printed))
         return read, without_readings(read, acc.readings)
@@ -4679,20 +4679,14 @@ def distance(scene, acc, trials=None, seed=0, first=0):
     z = real.z[:, 0]
     stats = statistics(z[:, first:], late.y[None], late, white)
     T, s = [stats.value], [scores(own, real)]
-    truths = truth[None]
-    if first:
-        truths = sample.theta[np.searchsorted(
-            np.cumsum(sample.weight), (np.arange(RESAMPLED) + 0.5) / RESAMPLED)]
+    fixed = simulator(truth) if not first else simulator(*sample.theta[np.searchsorted(
+        np.cumsum(sample.weight), (np.arange(RESAMPLED) + 0.5) / RESAMPLED)])
     block = int(np.clip(BLOCK // len(scene.y), 1, trials))
-    for one, share in zip(truths, np.array_split(np.arange(trials), len(truths))):
-        fixed = simulator(one)
-        for number in share[::block]:
-            size = min(block, share[-1] + 1 - number)
-            read, masked = drawn(fixed, size, seed, number)
-            part = predicted(masked)
-            T.append(statistics(part.z[:, 0, first:], read[:, first:], late, white
-                                ).value)
-            s.append(scores(masked, part))
+    for number in range(0, trials, block):
+        read, masked = drawn(fixed, min(block, trials - number), seed, number)
+        part = predicted(masked)
+        T.append(statistics(part.z[:, 0, first:], read[:, first:], late, white).value)
+        s.append(scores(masked, part))
     T, s = np.vstack(T), np.vstack(s)
     usable = np.isfinite(T).all(0)    # no two clusters may be without a gap
     T = np.where(usable, T, 0.0)
