@@ -1016,8 +1016,9 @@ def _sums_general(b, y, observed, stretches):
 
 def _abreast(part):
     """Nodes of a bank, first axis, as groups: (groups, ..., GROUP)."""
-    pad = [(0, -len(part) % GROUP)] + [(0, 0)] * (part.ndim - 1)
-    part = np.pad(part, pad, mode="edge")
+    pad = -len(part) % GROUP
+    if pad:
+        part = np.pad(part, [(0, pad)] + [(0, 0)] * (part.ndim - 1), mode="edge")
     part = part.reshape(-1, GROUP, *part.shape[1:])
     return np.ascontiguousarray(np.moveaxis(part, 1, -1))
 
@@ -2680,8 +2681,12 @@ def _noise_step(scene, h):
     time = scene.time
 
     def extended(dt, onset, ratio, **base):
-        filt = h.model(dt, **base)
-        return filt._replace(Psi=filt.Psi * np.where(time >= onset, ratio, 1.0))
+        filt, first = h.model(dt, **base), np.searchsorted(time, onset)
+        if first == len(time):
+            return filt
+        Psi = filt.Psi * np.ones(len(time))
+        Psi[first:] *= ratio
+        return filt._replace(Psi=Psi)
     return extended
 
 
@@ -3253,7 +3258,18 @@ def _log_likelihoods(h, scene, signatures, theta):
 
 
 STRAY = 0.1     # probability of an onset anywhere at all, in `onset_law`
+BIN = 16        # samples whose likeliest onset stands for all, until one of them is drawn
 WILD = 25.0     # squared standard score from which on a sample may be an outlier
+
+
+@njit(**JIT)
+def _draw_one(mass, u):
+    """Number at the quantile u of a law, and the quantile within it."""
+    k = 0
+    while k < len(mass) - 1 and u > mass[k]:
+        u -= mass[k]
+        k += 1
+    return k, min(max(u / mass[k], 1e-6), 1.0)
 
 
 @njit(parallel=True, **JIT)
@@ -3263,10 +3279,10 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
 
     The filter of the early noise, of variance r (M,), up to a sample and that of the
     late one, of variance r ratio^2, from there on nearly give the likelihood of every
-    onset 1 ... N - 1 at once.
+    onset 1 ... N - 1 at once. The law draws a bin, then a sample in it.
     """
     M, n, N = len(a), a.shape[1], len(y)
-    onset, density = np.empty(M), np.empty(M)
+    onset, density, bins = np.empty(M), np.zeros(M), (N - 2) // BIN + 1
     for group in prange((M + ABREAST - 1) // ABREAST):
         first, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
         A, Q = np.zeros((n, ABREAST)), np.zeros((n, ABREAST))
@@ -3314,17 +3330,30 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
                     for t in range(n):
                         for g in range(ABREAST):
                             P[s, t, g] -= Ph[s, g] * Ph[t, g] * weight[g]
+        peak = np.full((bins, ABREAST), -np.inf)
+        for i in range(N - 1):
+            for g in range(ABREAST):
+                gain[i, g] += gain[i - 1, g] if i else 0.0
+                peak[i // BIN, g] = max(peak[i // BIN, g], gain[i, g])
         for g in range(number):
-            node = first + g
-            total = np.cumsum(gain[:, g])[:N - 1]
-            mass = np.exp(total - total.max())
-            mass = (1.0 - STRAY) / mass.sum() * mass + STRAY / (N - 1)
-            k, rest = 0, u[node]
-            while k < N - 2 and rest > mass[k]:
-                rest -= mass[k]
-                k += 1
-            onset[node] = k + min(max(rest / mass[k], 1e-6), 1.0)
-            density[node] = np.log(mass[k] * (N - 1))
+            mass = np.exp(peak[:, g] - peak[:, g].max())
+            mass /= mass.sum()
+            rest = (u[first + g] - STRAY) / (1.0 - STRAY)
+            if rest < 0.0:
+                rest = max(u[first + g] / STRAY, 1e-9) * (N - 1)
+                at = int(np.ceil(rest)) - 1
+                k, rest = at // BIN, rest - at
+            else:
+                k, rest = _draw_one(mass, rest)
+                at = -1
+            inside = np.exp(gain[k * BIN:min((k + 1) * BIN, N - 1), g] - peak[k, g])
+            inside /= inside.sum()
+            if at < 0:
+                at, rest = _draw_one(inside, rest)
+                at += k * BIN
+            onset[first + g] = at + rest
+            density[first + g] = np.log(
+                (1.0 - STRAY) * mass[k] * inside[at - k * BIN] * (N - 1) + STRAY)
     return onset, density
 
 
