@@ -3258,7 +3258,7 @@ def _log_likelihoods(h, scene, signatures, theta):
 
 
 STRAY = 0.1     # probability of an onset anywhere at all, in `onset_law`
-BIN = 16        # samples whose likeliest onset stands for all, until one of them is drawn
+BIN = 16        # samples whose likeliest onset stands for all until one is drawn
 WILD = 25.0     # squared standard score from which on a sample may be an outlier
 
 
@@ -3729,17 +3729,20 @@ class Scan(NamedTuple):
 def _products(rows, columns):
     """rows @ columns.T, without a second set of threads that would get in the way."""
     M, N = rows.shape
-    result = np.empty((M, len(columns)))
+    result = np.zeros((M, len(columns)))
     for m in prange(M):
-        for c in range(len(columns)):
-            total = np.zeros(8)
-            for i in range(0, N - N % 8, 8):
-                for lane in range(8):
-                    total[lane] += rows[m, i + lane] * columns[c, i + lane]
-            rest = 0.0
-            for i in range(N - N % 8, N):
-                rest += rows[m, i] * columns[c, i]
-            result[m, c] = total.sum() + rest
+        for begin in range(0, N, 2048):    # what a cache holds of all columns
+            end = min(begin + 2048, N)
+            whole = end - (end - begin) % 8
+            for c in range(len(columns)):
+                total = np.zeros(8)
+                for i in range(begin, whole, 8):
+                    for lane in range(8):
+                        total[lane] += rows[m, i + lane] * columns[c, i + lane]
+                rest = total.sum()
+                for i in range(whole, end):
+                    rest += rows[m, i] * columns[c, i]
+                result[m, c] += rest
     return result
 
 
@@ -3814,14 +3817,31 @@ PADDING = 4    # frequencies per 1 / T
 
 
 def _scan_steps(solved, scene):
-    number = np.cumsum(solved.residual[:, ::-1], axis=1)[:, ::-1]
-    cross = np.cumsum(solved.w[:, :, ::-1], axis=2)[:, :, ::-1]
-    J = solved.steps - np.einsum("mci,mcd,mdi->mi", cross, solved.cov, cross)
-    # after the last sample that is not missing there is none
-    J = np.maximum(J, 1e-6 * solved.steps + 1e-9 * solved.steps.max(1, keepdims=True)
-                   )[:, 1:]
-    number = number[:, 1:]
-    return Scan(scene.time[1:], number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
+    size, J = _step_sizes(solved.residual, solved.w, solved.cov, solved.steps)
+    return Scan(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
+
+
+@njit(parallel=True, **JIT)
+def _step_sizes(residual, w, cov, steps):
+    """Least-squares size of a step at samples 1 ... N - 1, and its information, of the
+    parts of `Solved`: (M, N - 1) each.
+    """
+    M, C, N = w.shape
+    size, information = np.empty((M, N - 1)), np.empty((M, N - 1))
+    for node in prange(M):
+        number, cross = 0.0, np.zeros(C)
+        least = 1e-9 * steps[node].max()    # after the last sample seen there is none
+        for i in range(N - 1, 0, -1):
+            number += residual[node, i]
+            J = steps[node, i]
+            for c in range(C):
+                cross[c] += w[node, c, i]
+            for c in range(C):
+                for d in range(C):
+                    J -= cross[c] * cov[node, c, d] * cross[d]
+            J = max(J, 1e-6 * steps[node, i] + least)
+            size[node, i - 1], information[node, i - 1] = number / J, J
+    return size, information
 
 
 @njit(parallel=True, **JIT)
