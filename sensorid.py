@@ -3228,11 +3228,10 @@ def predict(h, scene, signatures, theta, y=None):
     """`Predicted` of the record of a scene, or of others like it, y (R, N)."""
     total, out = _filtered(h, scene, signatures, theta,
                            scene.y[None] if y is None else y, 4)
-    below, above = out[:, :, 0], out[:, :, 1]
-    if not _has_jumps(h):
-        return Predicted(total, below, out[:, :, 2], out[:, :, 3])
-    with np.errstate(divide="ignore"):
-        z = np.where(below < above, ndtri(below), -ndtri(above))
+    z, above = out[:, :, 0], out[:, :, 1]
+    if _has_jumps(h):
+        with np.errstate(divide="ignore"):
+            z = np.where(z < above, ndtri(z), -ndtri(above))
     return Predicted(total, np.clip(z, -37.0, 37.0), out[:, :, 2], out[:, :, 3])
 
 
@@ -3272,6 +3271,29 @@ def _draw_one(mass, u):
     return k, min(max(u / mass[k], 1e-6), 1.0)
 
 
+@njit(**JIT)
+def _draw_onset(gain, peak, u):
+    """Onset, in samples, at the quantile u of a law of these log odds, and the log of
+    its density over 1 / N; `peak` is the largest gain of every bin.
+
+    Drawn is a bin, then a sample in it; with the probability STRAY any sample.
+    """
+    bins, stray, k, onset = np.exp(peak - peak.max()), u < STRAY, 0, 0.0
+    bins /= bins.sum()
+    if stray:
+        onset = max(u / STRAY, 1e-9) * len(gain)
+        k = int(np.ceil(onset) - 1) // BIN
+    else:
+        k, u = _draw_one(bins, (u - STRAY) / (1.0 - STRAY))
+    inside = np.exp(gain[k * BIN:(k + 1) * BIN] - peak[k])
+    inside /= inside.sum()
+    if not stray:
+        at, u = _draw_one(inside, u)
+        onset = k * BIN + at + u
+    share = bins[k] * inside[int(np.ceil(onset)) - 1 - k * BIN]
+    return onset, np.log((1.0 - STRAY) * share * len(gain) + STRAY)
+
+
 @njit(parallel=True, **JIT)
 def _draw_onsets(y, H, a, q, p0, r, ratio, u):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
@@ -3279,7 +3301,7 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
 
     The filter of the early noise, of variance r (M,), up to a sample and that of the
     late one, of variance r ratio^2, from there on nearly give the likelihood of every
-    onset 1 ... N - 1 at once. The law draws a bin, then a sample in it.
+    onset 1 ... N - 1 at once.
     """
     M, n, N = len(a), a.shape[1], len(y)
     onset, density, bins = np.empty(M), np.zeros(M), (N - 2) // BIN + 1
@@ -3336,24 +3358,8 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
                 gain[i, g] += gain[i - 1, g] if i else 0.0
                 peak[i // BIN, g] = max(peak[i // BIN, g], gain[i, g])
         for g in range(number):
-            mass = np.exp(peak[:, g] - peak[:, g].max())
-            mass /= mass.sum()
-            rest = (u[first + g] - STRAY) / (1.0 - STRAY)
-            if rest < 0.0:
-                rest = max(u[first + g] / STRAY, 1e-9) * (N - 1)
-                at = int(np.ceil(rest)) - 1
-                k, rest = at // BIN, rest - at
-            else:
-                k, rest = _draw_one(mass, rest)
-                at = -1
-            inside = np.exp(gain[k * BIN:min((k + 1) * BIN, N - 1), g] - peak[k, g])
-            inside /= inside.sum()
-            if at < 0:
-                at, rest = _draw_one(inside, rest)
-                at += k * BIN
-            onset[first + g] = at + rest
-            density[first + g] = np.log(
-                (1.0 - STRAY) * mass[k] * inside[at - k * BIN] * (N - 1) + STRAY)
+            onset[first + g], density[first + g] = _draw_onset(
+                gain[:N - 1, g], peak[:, g], u[first + g])
     return onset, density
 
 
@@ -3499,10 +3505,10 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         return Sample(theta, x, moved, ll, ll[0])
     rng = np.random.default_rng(seed)
     # Latin hypercube of the prior: few where a whole guess may do better
-    few = POINTS if guess is None or len(guess[0]) < d else POINTS // 4
-    strata = np.array([rng.permutation(few) for _ in range(d)]).T
-    x = ndtri((strata + rng.random(strata.shape)) / few)
-    parts = [(few, lambda x: -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI)]
+    first = POINTS if guess is None or len(guess[0]) < d else POINTS // 4
+    strata = np.array([rng.permutation(first) for _ in range(d)]).T
+    x = ndtri((strata + rng.random(strata.shape)) / first)
+    parts = [(first, lambda x: -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI)]
 
     def propose(mean, cov):
         chol = np.linalg.cholesky(1.2 * cov + 1e-12 * np.eye(d))
