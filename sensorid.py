@@ -4821,7 +4821,7 @@ class Diagnosis(NamedTuple):
 
 PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
 MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
-SURE = 0.5              # a verdict is more probable than all others together
+SURE = 0.5              # what is named is more probable than not
 OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on
 UNEXPECTED = 3.0        # standard deviations of the mean: a bias the simulator lacks
 ROUNDING = 1e5          # a prior this much wider than the record tells nothing
@@ -4944,7 +4944,7 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
     if "none" not in leaves:
         causes.append(Cause("none", "", 0.0, 0.0, {}))
     causes.sort(key=lambda c: -c.probability)
-    verdict = causes[0].effect if causes[0].probability >= SURE else "undecided"
+    verdict = verdict_of(causes)
     gain = (acc.log_evidence - start.log_evidence) / max(np.sum(~np.isnan(scene.y)), 1)
     return Diagnosis(full, verdict, tuple(causes), base, acc, tuple(found), before,
                      after, *closure(before, after), float(gain),
@@ -4952,6 +4952,20 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
                      if acc.signatures or acc.hypotheses != start.hypotheses else None,
                      needed_duration(causes, full) if verdict == "undecided"
                      else np.nan)
+
+
+def verdict_of(causes):
+    """The first cause if it is more probable than not, or else every effect that is, in
+    whatever company (the median probability model; M. Barbieri, J. Berger, "Optimal
+    predictive model selection", Ann. Stat. 32, 2004).
+    """
+    if causes[0].probability >= SURE:
+        return causes[0].effect
+    present = {}
+    for c in causes:
+        for effect in dict.fromkeys(c.effect.split("+")):
+            present[effect] = present.get(effect, 0.0) + c.probability
+    return "+".join(e for e, p in present.items() if p >= SURE) or "undecided"
 
 
 def _followed(leaves, step, best):
@@ -6405,7 +6419,9 @@ def _table(d, record, unit):
     """The diagnosis as a table for a terminal."""
     lines = [f"{record.file}, column {record.column}: {len(record.error)} samples at "
              f"{record.dt:g} s; beside it: {', '.join(record.columns) or 'nothing'}",
-             f"verdict: {d.verdict}"]
+             f"verdict: {d.verdict}"
+             + (", alone or with another effect" if d.causes[0].probability < SURE
+                and d.verdict != "undecided" else "")]
     if d.before.p_value > 0.05 and d.verdict == "none":
         lines.append("the simulator describes the record: a gap as large has the "
                      f"chance {d.before.p_value:.2g}")

@@ -516,6 +516,20 @@ def test_two_effects_are_found_together():
     assert set(d.verdict.split("+")) == {"bias_step", "outliers"}
 
 
+def test_what_is_in_most_of_the_probable_sets_is_named():
+    def verdict(**probability):
+        return sensorid.verdict_of([
+            sensorid.Cause(effect.replace("_and_", "+"), "", p, 0.0, {})
+            for effect, p in probability.items()])
+    assert verdict(outliers=0.6, none=0.4) == "outliers"
+    assert verdict(outliers=0.45, outliers_and_sinusoid=0.4, none=0.15) == "outliers"
+    assert verdict(sinusoid_and_sinusoid=0.5, unknown=0.3, sinusoid=0.2
+                   ) == "sinusoid+sinusoid"
+    assert verdict(sinusoid_and_sinusoid=0.45, sinusoid=0.35, none=0.2) == "sinusoid"
+    assert verdict(bandwidth=0.4, outliers=0.35, none=0.25) == "undecided"
+    assert verdict(unknown=0.45, outliers=0.35, none=0.2) == "undecided"
+
+
 def test_a_wrong_parameter_is_named_with_its_factor():
     wrong = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=7.0)]
     true = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)]
