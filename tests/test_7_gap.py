@@ -479,9 +479,10 @@ def test_what_stands_out_beside_a_wrong_effect_only_is_not_unknown():
 
 def test_where_in_its_ranges_the_simulator_lies_is_no_effect():
     corner = [sensorid.hypothesis("markov", tau_m=60.0, sigma_m=1.5, sigma_v=1.0)]
-    for y in sensorid.simulate(corner, DT, generator.N, 5, seed=43).error:
-        said = sensorid.diagnose(y, DT, MODEL).verdict
-        assert said in ("none", "undecided"), said
+    said = [sensorid.diagnose(y, DT, MODEL).verdict for y in sensorid.simulate(
+        corner, DT, generator.N, 5, seed=43).error]
+    # of records without an effect 2 % have one named: two of five by chance 1 in 290
+    assert sum(v not in ("none", "undecided") for v in said) <= 1, said
 
 
 def test_where_a_posterior_is_bent_a_node_stands_for_it():
