@@ -4365,9 +4365,7 @@ def estimate_signature(hypotheses, scene, signatures, search, samples, number):
         if share < 1e-3:
             continue
         w = sample.log_weight + sample.log_likelihood[:, number]
-        w = np.cumsum(np.exp(w - w.max()))
-        at = np.searchsorted(w, w[-1] * (np.arange(RESAMPLED) + 0.5) / RESAMPLED)
-        theta = sample.theta[at]
+        theta = sample.theta[_resampled(np.exp(w - w.max()))]
         solved = solve(h, scene, signatures, theta)
         result = scan(h, scene, signatures, search, theta, solved)
         variant = search.variant or ("",) * len(result.psi)
@@ -4415,7 +4413,13 @@ def estimate_signature(hypotheses, scene, signatures, search, samples, number):
                      3.0 * float(np.hypot(size, sd))), parameters
 
 
-RESAMPLED = 24    # nodes of a posterior that its moments are taken from
+RESAMPLED = 24    # nodes that stand for a posterior
+
+
+def _resampled(weight):
+    """Numbers of RESAMPLED nodes, at even quantiles of their weights."""
+    w = np.cumsum(weight)
+    return np.searchsorted(w, w[-1] * (np.arange(RESAMPLED) + 0.5) / RESAMPLED)
 
 
 def _refined(scene, search, result):
@@ -4734,8 +4738,7 @@ def distance(scene, acc, trials=None, seed=0, first=0):
     z = real.z[:, 0]
     stats = statistics(z[:, first:], late.y[None], late, white)
     T, s = [stats.value], [scores(own, real)]
-    fixed = simulator(truth) if not first else simulator(*sample.theta[np.searchsorted(
-        np.cumsum(sample.weight), (np.arange(RESAMPLED) + 0.5) / RESAMPLED)])
+    fixed = simulator(*(sample.theta[_resampled(sample.weight)] if first else [truth]))
     block = int(np.clip(BLOCK // len(scene.y), 1, trials))
     for number in range(0, trials, block):
         read, masked = drawn(fixed, min(block, trials - number), seed, number)
@@ -5093,12 +5096,10 @@ def held_out(scene, start, final, trials=None, seed=0):
         fit = account(head, acc.bases, hypotheses, tuple(
             s._replace(columns=s.columns[:cut]) for s in acc.signatures),
             acc.readings, None if known else acc)
-        fit = fit._replace(signatures=acc.signatures)
-        tail = predict(fit.hypotheses[fit.best], scene, acc.signatures,
-                       fit.theta[None])
-        score.append(tail.log_score[0, 0, cut:])
-        ratio.append(float(np.sqrt(np.nanmean(tail.z[0, 0, cut:]**2))))
-        gaps.append(distance(full, fit, trials, seed, cut))
+        gap = distance(full, fit._replace(signatures=acc.signatures), trials, seed, cut)
+        score.append(gap.log_score[cut:])
+        ratio.append(float(np.sqrt(np.nanmean(gap.z[cut:]**2))))
+        gaps.append(gap)
     back = np.column_stack([np.ones_like(scene.y), *scene.columns.values(), *(
         np.roll(scene.y, lag) for lag in range(1, LAGS + 1))])
     whole = ~np.isnan(back).any(1) & ~np.isnan(scene.y) & (
