@@ -6,7 +6,7 @@ import sys
 import time
 
 import figures
-import sensorid
+from sensorlab.commands.shared import progress_bar
 
 PAPER = {**{str(n): f"fig{n}" for n in range(1, 7)}, "audit": "audit", "table": "table"}
 NAMES = {**PAPER, "7": "fig7", "8": "fig8", **{
@@ -27,7 +27,7 @@ def main(argv=None):
     unknown = [name for name in options.which if name not in NAMES]
     if unknown:
         parser.error(f"no figure {', '.join(unknown)}: choose from {', '.join(NAMES)}")
-    figures.size.update(progress=sensorid.progress_bar)
+    figures.size.update(progress=progress_bar)
     if options.quick:
         figures.size.update(trials=64, dt=1.0)
     started = time.perf_counter()

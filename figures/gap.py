@@ -16,6 +16,8 @@ from scipy.stats import chi2
 
 import figures
 import sensorid
+import sensorlab
+from sensorlab.gap import signatures
 from figures import save, withheld
 from tests import generator
 
@@ -54,7 +56,7 @@ def profiled(record, hypotheses):
     shape = record["error"] - record["clean"]
     if not np.any(shape):
         return 0.0
-    scene = sensorid.Scene(shape, generator.DT, {})
+    scene = sensorlab.Scene(shape, generator.DT, {})
     w = np.pi * (np.arange(generator.N // 2) + 0.5) / (generator.N // 2)
 
     def spectrum(a, q, r):
@@ -82,16 +84,16 @@ def profiled(record, hypotheses):
 
 def bound(record, level, hypotheses):
     """The Bayes-optimal name among the additive effects and none, severity known."""
-    scene = sensorid.Scene(record["error"], generator.DT,
+    scene = sensorlab.Scene(record["error"], generator.DT,
                            dict(temperature=record["temperature"], rate=record["rate"]))
     D = generator.LEVELS[level]
-    x = np.sqrt(2.0 * D) * sensorid._ROOT
+    x = np.sqrt(2.0 * D) * signatures._ROOT
     table = {1: x + np.log1p(np.exp(-2.0 * x)) - np.log(2.0) - D,
              2: np.log(ive(0, x)) + x - D}
-    effects = [sensorid.CATALOGUE[e] for e in generator.ADDITIVE]
-    tries = sensorid.searches(scene, effects)
+    effects = [sensorlab.CATALOGUE[e] for e in generator.ADDITIVE]
+    tries = signatures.searches(scene, effects)
     evidence = np.array([
-        sensorid.signature_evidence(h, scene, (), tries, table_of=table).log_evidence
+        signatures.signature_evidence(h, scene, (), tries, table_of=table).log_evidence
         for h in hypotheses])
     total = np.logaddexp.reduce(evidence, axis=0)
     return ["none", *(t.effect.name for t in tries)][int(np.argmax(total))]
@@ -177,7 +179,7 @@ def compute():
         for line in file.read_text().splitlines():
             one = json.loads(line)
             kept[one["number"], one["effects"], one["level"]] = one
-    model = sensorid.read_model(withheld.DATA / "model.json")
+    model = sensorlab.read_model(withheld.DATA / "model.json")
     rows, listed = [], plan()
     with open(file, "a") as stream:
         for number, effects, level in listed:
@@ -185,9 +187,9 @@ def compute():
             if key not in kept:
                 record = made(number, effects, level)
                 columns = {k: record[k] for k in ("temperature", "rate")}
-                d = sensorid.diagnose(record["error"], generator.DT, model.hypotheses,
+                d = sensorlab.diagnose(record["error"], generator.DT, model.hypotheses,
                                       columns)
-                named = sensorid.Record("", "error", record["error"], generator.DT)
+                named = sensorlab.Record("", "error", record["error"], generator.DT)
                 extra = dict(correlation=by_correlation(record),
                              slopes=by_slopes(record),
                              features=features(record).tolist())
@@ -196,7 +198,7 @@ def compute():
                     extra["nats"] = profiled(record, model.hypotheses)
                 kept[key] = dict(number=number, effects=key[1], level=level,
                                  truth=record["truth"],
-                                 report=sensorid.report(d, named), **extra)
+                                 report=sensorlab.report(d, named), **extra)
                 stream.write(json.dumps(kept[key], default=float) + "\n")
                 stream.flush()
             rows.append(kept[key])

@@ -9,6 +9,7 @@ import numpy as np
 
 import figures
 import sensorid
+import sensorlab
 
 NAMES = dict(slopes="Allan slopes", gmwm="Allan least squares (GMWM)", aic="ML, AIC",
              bic="ML, BIC", whittle="Whittle, AIC")
@@ -19,10 +20,10 @@ def _compute(number, trials, dt):
     times = figures.DURATION * 2.0**-np.arange(5.0, -1.0, -1.0)
     case = figures.case(number)
     c = sensorid.criteria(case, dt, figures.DURATION, trials, figures.SEED, times=times,
-                          algorithms=sensorid.ALGORITHMS,
+                          algorithms=sensorlab.ALGORITHMS,
                           checkpoint=figures.OUTPUT / "trials",
                           progress=figures.size["progress"])
-    bounds = [sensorid.estimation_bound(h, dt, times, 4 * trials, figures.SEED)
+    bounds = [sensorlab.estimation_bound(h, dt, times, 4 * trials, figures.SEED)
               for h in case]
     return c, np.hstack([bound for bound, _ in bounds]), np.hstack(
         [se for _, se in bounds])

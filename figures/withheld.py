@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import beta
 
 import figures
-import sensorid
+import sensorlab
 from figures import save
 
 DATA = pathlib.Path(__file__).parent.parent / "data" / "withheld"
@@ -36,19 +36,20 @@ def compute():
     folder.mkdir(parents=True, exist_ok=True)
     seal = hashlib.sha256((DATA / "labels.csv").read_bytes()).hexdigest()
     print(f"labels sealed: sha256 {seal}", file=sys.stderr)
-    source = hashlib.sha256(pathlib.Path(sensorid.__file__).read_bytes()).hexdigest()
-    model = sensorid.read_model(DATA / "model.json")
+    source = hashlib.sha256(b"".join(f.read_bytes() for f in sorted((
+        DATA.parent.parent / "sensorlab").rglob("*.py")))).hexdigest()
+    model = sensorlab.read_model(DATA / "model.json")
     names = np.load(DATA / "records.npz")["name"]
     reports = {}
     for number, name in enumerate(names):
         file = folder / f"{name}.json"
         kept = json.loads(file.read_text()) if file.exists() else {}
         if kept.get("source") != source:
-            record = sensorid.read_record(DATA / "records.npz", f"error[{number}]",
+            record = sensorlab.read_record(DATA / "records.npz", f"error[{number}]",
                                           beside=None)
-            d = sensorid.diagnose(record.error, record.dt, model.hypotheses,
+            d = sensorlab.diagnose(record.error, record.dt, model.hypotheses,
                                   record.columns)
-            kept = {**sensorid.report(d, record), "source": source}
+            kept = {**sensorlab.report(d, record), "source": source}
             kept["record"]["file"] = "data/withheld/records.npz"
             file.write_text(json.dumps(kept, indent=1))
         reports[str(name)] = kept
@@ -73,7 +74,7 @@ def labelled(reports):
 
 def right(effects, report):
     """Is the verdict the truth? Outside the catalogue: does it force no name?"""
-    if not set(effects.split("+")) <= {*sensorid.CATALOGUE, "none"}:
+    if not set(effects.split("+")) <= {*sensorlab.CATALOGUE, "none"}:
         return report["verdict"] in ("unknown", "undecided")
     return set(report["verdict"].split("+")) == set(effects.split("+"))
 

@@ -1,9 +1,12 @@
 import pathlib
 
+import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 import sensorid
+import sensorlab
+from sensorlab import Scene
 
 REAL = pathlib.Path(__file__).parent.parent.parent / "shared" / "data" / "real"
 
@@ -30,6 +33,40 @@ def same(a, b):
     for x, y in zip((a.error_probability, *a.rsd), (b.error_probability, *b.rsd)):
         for part in x._fields:
             assert_array_equal(getattr(x, part), getattr(y, part))
+
+
+DT = 1.0
+MODEL = paper_case(3)
+WHITE = [sensorid.hypothesis("white_noise", sigma_v=1.0)]
+
+
+def scene_of(record):
+    return Scene(record["error"], DT, dict(temperature=record["temperature"],
+                                           rate=record["rate"]))
+
+
+def diagnosed(record, hypotheses=MODEL, **options):
+    return sensorlab.diagnose(record["error"], DT, hypotheses,
+                             dict(temperature=record["temperature"],
+                                  rate=record["rate"]), **options)
+
+
+def dense(theta, n, bias_sigma=1.0):
+    """Covariance of a Markov process in white noise with a bias."""
+    tau, sigma_m, sigma_v = theta
+    t = np.arange(n)
+    return (sigma_m**2 * np.exp(-np.abs(t[:, None] - t) / tau)
+            + sigma_v**2 * np.eye(n) + bias_sigma**2)
+
+
+@pytest.fixture
+def short():
+    """A short record with gaps, a hypothesis and the dense covariance."""
+    y = sensorid.simulate(MODEL[1:], DT, 200, seed=3).error[0]
+    y[50:60] = np.nan
+    theta = np.array([[300.0, 0.9, 0.4]])
+    seen = ~np.isnan(y)
+    return Scene(y, DT, {}), MODEL[1], theta, dense(theta[0], 200), seen
 
 
 RATES = {}    # filled by bench_bank.py

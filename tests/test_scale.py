@@ -17,6 +17,7 @@ import pytest
 from conftest import paper_case, same
 
 import sensorid as s
+import sensorlab
 
 RUN = dict(dt=1.0, duration=200.0, trials=300, seed=4)
 
@@ -65,8 +66,8 @@ COMMAND = [sys.executable, "-m", "sensorid", "criteria", "m.json", "--duration",
 
 
 def test_a_run_killed_with_9_resumes_with_the_same_bits(tmp_path):
-    model = s.Model(0.1, "u", paper_case(3))
-    (tmp_path / "m.json").write_text(s.model_text(model))
+    model = sensorlab.Model(0.1, "u", paper_case(3))
+    (tmp_path / "m.json").write_text(sensorlab.model_text(model))
     kept = tmp_path / "kept"
     run = subprocess.Popen([*COMMAND, "a.json", "--checkpoint", "kept"], cwd=tmp_path,
                            stdout=subprocess.DEVNULL)
@@ -84,7 +85,8 @@ def test_a_run_killed_with_9_resumes_with_the_same_bits(tmp_path):
 
 
 def test_an_interrupt_ends_with_one_line_that_says_how_to_go_on(tmp_path):
-    (tmp_path / "m.json").write_text(s.model_text(s.Model(0.1, "u", paper_case(3))))
+    (tmp_path / "m.json").write_text(
+        sensorlab.model_text(sensorlab.Model(0.1, "u", paper_case(3))))
     kept = tmp_path / "kept"
     run = subprocess.Popen([*COMMAND, "a.json", "--checkpoint", "kept"], cwd=tmp_path,
                            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)

@@ -1,6 +1,7 @@
 """The module reads top to bottom, its examples are true, the figures and the README
 run."""
 
+import ast
 import builtins
 import dis
 import doctest
@@ -15,6 +16,7 @@ import pytest
 
 import figures
 import sensorid
+from sensorlab.commands import main
 from figures import fig1, identification, table
 
 ROOT = pathlib.Path(sensorid.__file__).parent
@@ -51,14 +53,49 @@ def test_a_section_calls_only_sections_above_it(end):
     assert global_names(code) <= known
 
 
+ROOMS = {    # of the laboratory; each takes only from those before it
+    "sensorlab/gap": ["effects", "filters", "evidence", "signatures", "readings",
+                      "account", "causes", "places", "diagnosis", "report"],
+    "sensorlab": ["gap", "rivals", "records", "modelfiles", "drawings", "commands"]}
+
+
+def imported(file):
+    """Modules of the project that a file imports, wherever in it."""
+    tree = ast.parse(file.read_text())
+    names = [n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
+    names += [a.name for n in ast.walk(tree) if isinstance(n, ast.Import)
+              for a in n.names]
+    return [name for name in names if name.startswith("sensor")]
+
+
+@pytest.mark.parametrize("folder", ROOMS)
+def test_a_room_takes_only_from_those_before_it(folder):
+    listed = ROOMS[folder]
+    package = folder.replace("/", ".")
+    present = {f.stem for f in (ROOT / folder).iterdir() if f.name[0] not in "_."}
+    assert present == set(listed)
+    for number, room in enumerate(listed):
+        here = ROOT / folder / room
+        for file in here.glob("*.py") if here.is_dir() else [here.with_suffix(".py")]:
+            for name in imported(file):
+                inside = name.removeprefix(package + ".").split(".")[0]
+                assert (name == "sensorid" or inside in listed[:number]
+                        or here.is_dir() and inside == room
+                        ), (file, name)
+
+
+def test_the_paper_takes_nothing_from_the_laboratory_but_its_commands():
+    assert set(imported(ROOT / "sensorid.py")) == {"sensorlab.commands", "sensorid"}
+
+
 def test_examples_in_the_docstrings_are_true():
     result = doctest.testmod(sensorid)
     assert result.attempted > 10 and result.failed == 0
 
 
 def test_no_line_is_longer_than_88_columns():
-    for file in [ROOT / "sensorid.py", *ROOT.glob("figures/*.py"),
-                 *ROOT.glob("tests/*.py")]:
+    for file in [ROOT / "sensorid.py", *ROOT.glob("sensorlab/**/*.py"),
+                 *ROOT.glob("figures/*.py"), *ROOT.glob("tests/*.py")]:
         long = [i for i, line in enumerate(file.read_text().splitlines(), 1)
                 if len(line) > 88]
         assert not long, (file.name, long)
@@ -132,7 +169,8 @@ def test_the_readmes_commands_run(tmp_path, monkeypatch):
     (model,) = re.findall(r"```json\n(.*?)```", README, re.S)
     pathlib.Path("model.json").write_text(model)
     commands = re.findall(r"^python -m sensorid (.*)$", README, re.M)
-    assert {c.split()[0] for c in commands} == set(sensorid.COMMANDS)
+    assert {c.split()[0] for c in commands} == {
+        "identify", "criteria", "simulate", "diagnose"}
     for command in commands:
-        assert sensorid.main(
+        assert main(
             command.replace("--trials 500", "--trials 20").split()) == 0

@@ -1,11 +1,12 @@
-import json
+"""Recordings as files hold them."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
-import sensorid as s
+from sensorlab.records import read_record
+
 
 Y = np.random.default_rng(1).normal(size=40)
 
@@ -26,7 +27,7 @@ def test_every_format_gives_the_same_record(tmp_path):
     savemat(tmp_path / "e.mat", dict(error=Y, dt=0.02))
     np.save(tmp_path / "f.npy", Y)
     for file in sorted(tmp_path.iterdir()):
-        record = s.read_record(file, dt=0.02 if file.suffix == ".npy" else None)
+        record = read_record(file, dt=0.02 if file.suffix == ".npy" else None)
         assert_allclose(record.error, Y, atol=1e-9)
         assert_allclose(record.dt, 0.02, rtol=1e-9)
 
@@ -34,7 +35,7 @@ def test_every_format_gives_the_same_record(tmp_path):
 def test_gaps_in_time_become_missing_samples(tmp_path):
     keep = np.r_[0:10, 13:30, 31:40]
     file = csv(tmp_path / "r.csv", dict(time=0.5 * keep, error=Y[keep]))
-    record = s.read_record(file)
+    record = read_record(file)
     assert_array_equal(np.flatnonzero(np.isnan(record.error)), [10, 11, 12, 30])
     assert_allclose(record.error[keep], Y[keep], rtol=1e-9)
 
@@ -45,16 +46,16 @@ def test_empty_cells_are_missing_where_that_is_allowed(tmp_path):
         f"{i},{'' if i == 7 else i % 5}\n" for i in range(30)))
     with pytest.raises(ValueError,
                        match="1 NaN or empty values, the first at sample 7"):
-        s.read_record(file)
-    assert np.isnan(s.read_record(file, allow_missing=True).error[7])
+        read_record(file)
+    assert np.isnan(read_record(file, allow_missing=True).error[7])
 
 
 def test_an_uneven_record_is_refused_or_resampled(tmp_path):
     time = np.cumsum(np.random.default_rng(2).uniform(0.5, 1.5, 40))
     file = csv(tmp_path / "r.csv", dict(time=time, error=2 * time + 1))
     with pytest.raises(ValueError, match="is uneven.*--resample"):
-        s.read_record(file)
-    record = s.read_record(file, resample=True)
+        read_record(file)
+    record = read_record(file, resample=True)
     seen = ~np.isnan(record.error)
     even = time[0] + record.dt * np.arange(len(record.error))
     assert_allclose(record.error[seen], (2 * even + 1)[seen], rtol=1e-8)
@@ -82,21 +83,21 @@ def test_an_uneven_record_is_refused_or_resampled(tmp_path):
 def test_a_bad_csv_gets_one_sentence(tmp_path, text, message):
     (tmp_path / "r.csv").write_text(text)
     with pytest.raises(ValueError, match=message):
-        s.read_record(tmp_path / "r.csv")
+        read_record(tmp_path / "r.csv")
 
 
 def test_other_bad_files_get_one_sentence(tmp_path):
     with pytest.raises(ValueError, match="no such file"):
-        s.read_record(tmp_path / "none.csv")
+        read_record(tmp_path / "none.csv")
     for name in ("a.npz", "b.npy", "c.mat"):
         (tmp_path / name).write_bytes(b"not an array at all")
         with pytest.raises(ValueError, match="cannot be read as"):
-            s.read_record(tmp_path / name)
+            read_record(tmp_path / name)
     np.savez(tmp_path / "d.npz", error=np.zeros((3, 50)), dt=1.0)
     with pytest.raises(ValueError, match=r"shape \(3, 50\).*error\[0\]"):
-        s.read_record(tmp_path / "d.npz")
+        read_record(tmp_path / "d.npz")
     with pytest.raises(ValueError, match="rows 0 to 2, not 3"):
-        s.read_record(tmp_path / "d.npz", "error[3]")
+        read_record(tmp_path / "d.npz", "error[3]")
 
 
 @pytest.mark.parametrize("arrays, message", [
@@ -109,74 +110,22 @@ def test_other_bad_files_get_one_sentence(tmp_path):
 def test_wrong_times_get_one_sentence(tmp_path, arrays, message):
     np.savez(tmp_path / "r.npz", error=Y, **arrays)
     with pytest.raises(ValueError, match=message):
-        s.read_record(tmp_path / "r.npz")
+        read_record(tmp_path / "r.npz")
 
 
 def test_na_is_a_missing_cell(tmp_path):
     (tmp_path / "r.csv").write_text("time,error\n" + "".join(
         f"{i},{'NA' if i == 7 else i % 5}\n" for i in range(30)) + " \n")
-    record = s.read_record(tmp_path / "r.csv", allow_missing=True)
+    record = read_record(tmp_path / "r.csv", allow_missing=True)
     assert len(record.error) == 30 and np.isnan(record.error[7])
 
 
 def test_a_row_of_an_array_is_a_record(tmp_path):
     np.savez(tmp_path / "r.npz", gyro=np.stack([Y, 2 * Y]), dt=1.0)
-    assert_array_equal(s.read_record(tmp_path / "r.npz", "gyro[1]").error, 2 * Y)
+    assert_array_equal(read_record(tmp_path / "r.npz", "gyro[1]").error, 2 * Y)
     for shaped in (Y[None], Y[:, None]):
         np.savez(tmp_path / "s.npz", error=shaped, dt=1.0)
-        assert_array_equal(s.read_record(tmp_path / "s.npz").error, Y)
+        assert_array_equal(read_record(tmp_path / "s.npz").error, Y)
     csv(tmp_path / "r.csv", dict(time=np.arange(40), error=Y))
     with pytest.raises(ValueError, match=r"leave \[3\] out"):
-        s.read_record(tmp_path / "r.csv", "error[3]")
-
-
-MODEL = dict(dt=0.5, unit="deg/h", bias_sigma=2.0, hypotheses=[
-    dict(name="random_walk", parameters=dict(sigma_w=[0.1, 0.2], sigma_v=0.5)),
-    dict(name="markov", prior="log",
-         parameters=dict(tau_m=[1, 9], sigma_m=[0.5, 1.5], sigma_v=[0.1, 1]))])
-
-
-def test_a_model_file_survives_writing_and_reading(tmp_path):
-    (tmp_path / "a.json").write_text(json.dumps(MODEL))
-    model = s.read_model(tmp_path / "a.json")
-    assert model.hypotheses[1].parameters[0] == s.Parameter("tau_m", 1.0, 9.0, True)
-    assert model.hypotheses[0].bias_sigma == 2.0
-    (tmp_path / "b.json").write_text(s.model_text(model))
-    assert s.read_model(tmp_path / "b.json") == model
-
-
-@pytest.mark.parametrize("change, message", [
-    ("{", "not a JSON model file"), ("[]", "no hypotheses"), ("{}", "no hypotheses"),
-    (dict(hypotheses=[]), "no hypotheses"),
-    (dict(hypotheses="markov"), "must be a list"),
-    (dict(dt=-1), "dt is -1 s"), (dict(dt=None), "dt is None: a number is needed"),
-    (dict(hypotheses=[dict(name="sinus", parameters={})]),
-     "unknown hypothesis 'sinus'"),
-    (dict(hypotheses=[dict(parameters={})]), "a name and parameters are needed"),
-    (dict(unit=None), "unit None must be a text"),
-    (dict(hypotheses=[dict(name="markov", label=5)]), "label 5 of markov must be"),
-    (dict(hypotheses=[dict(name="markov", parameters=dict(model=1))]),
-     "markov has no parameter model"),
-    ("[" * 100000, "not a JSON model file"),
-    (dict(hypotheses=[dict(name="white_noise", parameters=dict(sigma_v=[2, 1]))]),
-     "upside down"),
-    (dict(hypotheses=[dict(name="white_noise", parameters=dict(sigma_v=1))] * 2),
-     "hypotheses of the same name"),
-])
-def test_a_bad_model_file_gets_one_sentence(tmp_path, change, message):
-    text = change if isinstance(change, str) else json.dumps(MODEL | change)
-    (tmp_path / "m.json").write_text(text)
-    with pytest.raises(ValueError, match=message):
-        s.read_model(tmp_path / "m.json")
-
-
-def test_default_priors_hold_the_truth_of_very_different_sensors():
-    for unit in (1e-9, 1.0, 1e5):
-        h = s.hypothesis("markov", tau_m=30.0, sigma_m=unit, sigma_v=2.0 * unit,
-                         bias_sigma=unit)
-        y = s.simulate([h], 0.01, 20000, 1, seed=1).error[0]
-        H = s.default_hypotheses(y, 0.01)
-        for truth, p in zip((30.0, unit, 2.0 * unit), H[2].parameters):
-            assert p.low < truth < p.high
-        answer = s.identify(y, 0.01, H)
-        assert abs(answer.estimates[2].mean[2] / unit - 2.0) < 0.05
+        read_record(tmp_path / "r.csv", "error[3]")

@@ -1,4 +1,5 @@
-import allantools
+"""The other algorithms against closed forms, statsmodels and published numbers."""
+
 import numpy as np
 import pytest
 from conftest import paper_case, same
@@ -6,70 +7,9 @@ from numpy.testing import assert_allclose
 from scipy.stats import binom, chi2
 from statsmodels.tsa.statespace.structural import UnobservedComponents
 
-import naive
 import sensorid as s
+from sensorlab import rivals
 
-
-def test_allan_variance_equals_the_definition():
-    omega = np.random.default_rng(1).normal(size=200)
-    for m in (1, 2, 7, 100):
-        assert_allclose(s.allan_variance(omega, 0.3, m), naive.allan_variance(omega, m),
-                        rtol=1e-10)
-
-
-def test_allan_deviation_equals_allantools():
-    omega = np.random.default_rng(2).normal(size=5000).cumsum() + 1e3
-    tau, adev = s.allan_deviation(omega, 0.01, per_octave=3)
-    taus, expected, _, _ = allantools.oadev(omega, rate=100.0, data_type="freq",
-                                            taus=tau)
-    assert_allclose(taus, tau, rtol=1e-9)
-    assert_allclose(adev, expected, rtol=1e-8)
-
-
-def test_allan_deviation_gives_the_published_curve_of_adis16405(real):
-    run = np.load(real / "adis16405_run1.npz")
-    published = np.load(real / "smac_allan_curves.npz")
-    for row, name in enumerate(("gyro", "gyro", "gyro", "accel", "accel", "accel")):
-        y = run[f"{name}_counts"][row % 3] * float(run[f"{name}_lsb"])
-        ours = np.sqrt([s.allan_variance(y, 0.01, 2**k) for k in range(1, 11)])
-        assert_allclose(ours, published["adis_adev"][row, :10], rtol=1e-4)
-
-
-@pytest.mark.parametrize("name, parameters", [
-    ("random_walk", dict(sigma_w=0.1, sigma_v=0.5)),
-    ("markov", dict(tau_m=20.0, sigma_m=1.0, sigma_v=0.3)),
-    ("two_markov", dict(tau_m=20.0, sigma_m=1.0, tau_n=3.0, sigma_n=0.5))])
-def test_expected_allan_variance_is_the_mean_over_simulated_records(name, parameters):
-    h = s.hypothesis(name, **parameters)
-    y = s.simulate([h], 1.0, 20, 4000, seed=3).error
-    for m in (1, 4, 10):
-        first = [s.allan_variance(row[:2 * m], 1.0, m) for row in y]
-        expected = s.model_allan_variance(h.model(1.0, **parameters), m)
-        assert abs(np.mean(first) - expected) < 4 * np.std(first) / np.sqrt(len(first))
-
-
-def test_expected_allan_variance_of_a_ramp_has_its_closed_form():
-    filt = s.rate_ramp(0.5, slope=3.0)
-    assert_allclose(s.model_allan_variance(filt, 8), (3.0 * 4.0)**2 / 2, rtol=1e-12)
-
-
-def test_missing_samples_leave_out_their_pairs_of_clusters():
-    omega = np.random.default_rng(4).normal(size=300)
-    omega[100:120] = np.nan
-    parts = omega[:100], omega[120:]
-    pairs = [len(part) - 2 * 5 + 1 for part in parts]
-    expected = np.average([naive.allan_variance(part, 5) for part in parts],
-                          weights=pairs)
-    assert_allclose(s.allan_variance(omega, 1.0, 5), expected, rtol=1e-9)
-    assert np.isnan(s.allan_variance(np.where(np.arange(9) % 2, np.nan, 1.0), 1.0, 2))
-
-
-def test_a_record_too_short_is_refused():
-    with pytest.raises(ValueError, match="m = 6 does not fit a record of 11 samples"):
-        s.allan_variance(np.arange(11.0), 1.0, 6)
-
-
-# ---- the other algorithms
 
 def test_lines_of_fixed_slope_give_the_published_parameters_of_navchip(real):
     """SMAC-Group/avar, example of the NavChip: one model for three axes."""
@@ -82,7 +22,7 @@ def test_lines_of_fixed_slope_give_the_published_parameters_of_navchip(real):
             (slice(3, 6), (1, 6), -0.5, 1.0, 5.233402e-04),
             (slice(3, 6), (14, 16), 0.5, 3**0.5, 6.422082e-05)):
         part = slice(octaves[0] - 1, octaves[1])
-        values = [s.allan_line(tau[part], row[part], slope) for row in adev[axes]]
+        values = [rivals.allan_line(tau[part], row[part], slope) for row in adev[axes]]
         assert_allclose(factor * np.prod(values)**(1 / 3), published, rtol=1e-6)
 
 
@@ -95,7 +35,7 @@ def test_least_squares_find_the_published_parameters_of_navchip(real):
                      sigma_v=(1e-6, 1.0))
     part = np.r_[0:6, 13:16]    # the octaves of the published lines
     n = int(f["navchip_n"])
-    fits = [s.fit_allan_variance(h, dt, f["navchip_tau"][part], row[part]**2, n)[0]
+    fits = [rivals.fit_allan_variance(h, dt, f["navchip_tau"][part], row[part]**2, n)[0]
             for row in f["navchip_adev"][3:]]
     sigma_w, sigma_v = np.exp(np.mean(np.log(fits), axis=0))
     assert_allclose(sigma_v * np.sqrt(dt), 5.233402e-04, rtol=0.1)
@@ -110,7 +50,7 @@ def test_least_squares_of_adis16405_are_those_of_its_published_curve(real):
     ours = [s.allan_variance(y, 0.01, round(t / 0.01)) for t in tau]
     h = s.hypothesis("random_walk", prior="log", sigma_w=(1e-8, 1.0),
                      sigma_v=(1e-6, 1e2))
-    one, two = (s.fit_allan_variance(h, 0.01, tau, avar, len(y))[0]
+    one, two = (rivals.fit_allan_variance(h, 0.01, tau, avar, len(y))[0]
                 for avar in (ours, f["adis_adev"][0, :10]**2))
     assert_allclose(one, two, rtol=1e-3)
 
@@ -123,7 +63,7 @@ def test_least_squares_of_one_variance_have_their_closed_form():
     freedom = np.maximum((1000 - 2 * m + 1) / (2 * m), 1.0)
     # of the model, the variance of an Allan variance is proportional to c^2 / freedom
     expected = np.sum(freedom * avar / c) / np.sum(freedom)
-    (sigma_w,), _ = s.fit_allan_variance(h, 1.0, m, avar, 1000)
+    (sigma_w,), _ = rivals.fit_allan_variance(h, 1.0, m, avar, 1000)
     assert_allclose(sigma_w**2, expected, rtol=1e-5)
 
 
@@ -131,7 +71,7 @@ def test_whittle_likelihood_of_a_walk_is_that_of_white_differences():
     h = s.hypothesis("random_walk", sigma_w=(0.01, 1.0))
     y = s.simulate([h], 1.0, 1001, seed=2).error[0]
     power = np.abs(np.fft.fft(np.diff(y)))[1:500]**2 / 1000
-    _, ((sigma_w,),) = s.whittle(y, 1.0, (h,))
+    _, ((sigma_w,),) = rivals.whittle(y, 1.0, (h,))
     assert_allclose(sigma_w, np.sqrt(power.mean()), atol=1e-3)
 
 
@@ -139,7 +79,7 @@ def test_whittle_sees_no_walk_in_white_noise():
     H = (s.hypothesis("white_noise", sigma_v=(0.1, 2.0)),
          s.hypothesis("random_walk", sigma_w=(0.0, 1.0), sigma_v=(0.1, 2.0)))
     y = s.simulate(H[:1], 1.0, 4000, 40, seed=5).error
-    walks = sum(s.whittle(row, 1.0, H)[0] for row in y)
+    walks = sum(rivals.whittle(row, 1.0, H)[0] for row in y)
     # AIC: twice the gain is chi2 of one parameter, at its lower end half of the time
     assert walks <= binom.ppf(0.999, 40, 0.5 * chi2.sf(2.0, 1))
 
@@ -147,9 +87,9 @@ def test_whittle_sees_no_walk_in_white_noise():
 def test_fixed_hypotheses_have_nothing_to_estimate():
     H = (s.hypothesis("white_noise", sigma_v=1.0),
          s.hypothesis("random_walk", sigma_w=0.5, sigma_v=1.0))
-    c = s.criteria(H, 1.0, 200.0, 32, algorithms=s.ALGORITHMS)
+    c = s.criteria(H, 1.0, 200.0, 32, algorithms=rivals.ALGORITHMS)
     assert all(r.error_probability[-1] < 0.5 for r in c.rivals.values())
-    assert s.estimation_bound(H[0], 1.0, [10.0])[0].shape == (1, 0)
+    assert rivals.estimation_bound(H[0], 1.0, [10.0])[0].shape == (1, 0)
 
 
 def test_maximum_likelihood_near_a_bound_is_not_on_it():
@@ -157,7 +97,7 @@ def test_maximum_likelihood_near_a_bound_is_not_on_it():
     near = s.hypothesis("random_walk", sigma_w=0.148)
     for y in s.simulate([near], 0.1, 20000, 10, seed=6).error:
         step = np.diff(y)
-        for algorithm in (s.akaike, s.whittle):
+        for algorithm in (rivals.akaike, rivals.whittle):
             _, ((sigma_w,),) = algorithm(y, 0.1, (h,))
             assert_allclose(sigma_w, min(np.sqrt(np.mean(step**2)), 0.15), atol=5e-5)
 
@@ -169,7 +109,7 @@ def test_maximum_likelihood_is_that_of_statsmodels():
     y = s.simulate([true], 1.0, 2000, seed=3).error[0]
     fit = UnobservedComponents(y, "local level").fit(disp=False)
     expected = np.sqrt(fit.params)[::-1]    # of the level, irregular
-    _, (estimate,) = s.akaike(y, 1.0, (h,))
+    _, (estimate,) = rivals.akaike(y, 1.0, (h,))
     assert_allclose(estimate, expected, atol=2e-3)
 
 
@@ -184,18 +124,18 @@ def test_slopes_name_white_noise_and_lean_the_right_way_otherwise():
             (2, "markov", dict(tau_m=100.0, sigma_m=1.0))):
         truth = s.hypothesis(model, sigma_v=1.0, **parameters)
         for y in s.simulate([truth], 1.0, 4000, 60, seed=4).error:
-            choice, estimates = s.allan_slopes(y, 1.0, H)
+            choice, estimates = rivals.allan_slopes(y, 1.0, H)
             chosen[k, choice] += 1
             assert abs(estimates[k][-1] - 1.0) < 0.3    # sigma_v
     assert chosen[0, 0] > 50
     assert chosen[1, 1] > chosen[2, 1] + 10
     with pytest.raises(ValueError, match="slopes are known of"):
-        s.allan_slopes(y, 1.0, [s.hypothesis("rate_ramp", slope=1.0, sigma_v=1.0)])
+        rivals.allan_slopes(y, 1.0, [s.hypothesis("rate_ramp", slope=1.0, sigma_v=1.0)])
 
 
 def test_no_algorithm_beats_the_bayesian_one():
     c = s.criteria(paper_case(3), 1.0, 1000.0, 160, seed=6, times=[250.0, 1000.0],
-                   algorithms=s.ALGORITHMS)
+                   algorithms=rivals.ALGORITHMS)
     for name, r in c.rivals.items():
         assert (r.excess > -3.0 * r.excess_se).all(), name
         for label, efficiency, se in zip(c.labels, r.efficiency, r.efficiency_se):
@@ -228,8 +168,6 @@ def test_a_users_algorithm_joins_in_a_few_lines(tmp_path):
         s.criteria(H, 1.0, 20.0, 16, algorithms=dict(mine=constant))
 
 
-# ---- the bound
-
 def test_bound_of_the_variance_of_white_noise_has_its_closed_form():
     low, high, n = 0.5, 1.5, 200
     h = s.hypothesis("white_noise", bias_sigma=0.0, sigma_v=(low, high))
@@ -240,7 +178,7 @@ def test_bound_of_the_variance_of_white_noise_has_its_closed_form():
         information = 2.0 * n / (low + (high - low) * u)**2 * (high - low)**2
         J = np.mean(q * q * information + np.gradient(q, u)**2)
         best = max(best, (high - low) * np.mean(q) / np.sqrt(J))
-    bound, se = s.estimation_bound(h, 1.0, [n], trials=3000, seed=1)
+    bound, se = rivals.estimation_bound(h, 1.0, [n], trials=3000, seed=1)
     assert abs(bound[0, 0] - best) < 4.0 * se[0, 0]
     assert se[0, 0] < 0.06 * best
 
@@ -249,11 +187,11 @@ def test_the_bound_lies_below_the_bayesian_rsd():
     H = paper_case(3)
     c = s.criteria(H, 1.0, 1000.0, 400, seed=8, times=[100.0, 1000.0])
     for h in H:
-        bound, se = s.estimation_bound(h, 1.0, [100.0, 1000.0], 500, seed=9)
+        bound, se = rivals.estimation_bound(h, 1.0, [100.0, 1000.0], 500, seed=9)
         for column, p in enumerate(h.parameters):
             rsd = c.rsd[c.labels.index(f"{h.name}.{p.symbol}")]
             assert (bound[:, column] < rsd.calculated + 3.0 * np.hypot(
                 se[:, column], rsd.calculated_se)).all()
     with pytest.raises(ValueError, match="log-uniform"):
-        s.estimation_bound(s.hypothesis("white_noise", sigma_v=(1, 2), prior="log"),
-                           1.0, [10.0])
+        rivals.estimation_bound(
+            s.hypothesis("white_noise", sigma_v=(1, 2), prior="log"), 1.0, [10.0])

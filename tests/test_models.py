@@ -106,3 +106,15 @@ def test_a_filter_of_wrong_shape_is_refused():
         s.shaping_filter(np.eye(2), np.eye(2), [1.0])
     with pytest.raises(ValueError, match="1 <= n <= 6"):
         s.shaping_filter(np.eye(7), np.eye(7), np.ones(7))
+
+
+def test_default_priors_hold_the_truth_of_very_different_sensors():
+    for unit in (1e-9, 1.0, 1e5):
+        h = s.hypothesis("markov", tau_m=30.0, sigma_m=unit, sigma_v=2.0 * unit,
+                         bias_sigma=unit)
+        y = s.simulate([h], 0.01, 20000, 1, seed=1).error[0]
+        H = s.default_hypotheses(y, 0.01)
+        for truth, p in zip((30.0, unit, 2.0 * unit), H[2].parameters):
+            assert p.low < truth < p.high
+        answer = s.identify(y, 0.01, H)
+        assert abs(answer.estimates[2].mean[2] / unit - 2.0) < 0.05

@@ -1,3 +1,5 @@
+"""The command line, as it is typed."""
+
 import json
 import os
 import pathlib
@@ -5,10 +7,14 @@ import shutil
 import subprocess
 import sys
 
+import generator
 import numpy as np
 import pytest
+from conftest import DT, MODEL as CASE_3
 
 import sensorid as s
+import sensorlab
+from sensorlab.commands import main
 
 MODEL = {"dt": 1.0, "bias_sigma": 1.0, "hypotheses": [
     {"name": "random_walk", "parameters": {"sigma_w": [0.04, 0.15],
@@ -27,7 +33,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_identify_names_the_model_and_writes_what_it_says(folder, capsys):
-    assert s.main("identify r.npz --model m.json --json o.json --save-model b.json "
+    assert main("identify r.npz --model m.json --json o.json --save-model b.json "
                   "--plot p.png".split()) == 0
     result = json.loads(pathlib.Path("o.json").read_text())
     assert result["decision"] == "random_walk"
@@ -40,7 +46,7 @@ def test_identify_names_the_model_and_writes_what_it_says(folder, capsys):
     assert abs(sum(h["probability"] for h in result["hypotheses"]) - 1) < 1e-9
     assert pathlib.Path("p.png").read_bytes()[:4] == b"\x89PNG"
     assert "random_walk" in capsys.readouterr().out
-    assert s.main("simulate b.json --like r.npz --records 2 --out s.npz".split()) == 0
+    assert main("simulate b.json --like r.npz --records 2 --out s.npz".split()) == 0
     assert np.load("s.npz")["error"].shape == (2, 20000)
 
 
@@ -48,14 +54,14 @@ def test_a_record_that_no_hypothesis_describes_is_told(folder, capsys):
     t = np.arange(4000)
     y = np.random.default_rng(1).normal(size=4000) + 0.8 * np.sin(t / 4)
     np.savez("sine.npz", error=y, dt=1.0)
-    assert s.main("identify sine.npz".split()) == 0
+    assert main("identify sine.npz".split()) == 0
     assert "no hypothesis describes this record" in capsys.readouterr().out
-    assert s.main("identify r.npz".split()) == 0
+    assert main("identify r.npz".split()) == 0
     assert "no hypothesis describes this record" not in capsys.readouterr().out
 
 
 def test_criteria_writes_curves(folder):
-    assert s.main("criteria m.json --duration 200 --trials 40 --json c.json "
+    assert main("criteria m.json --duration 200 --trials 40 --json c.json "
                   "--plot c.png".split()) == 0
     result = json.loads(pathlib.Path("c.json").read_text())
     assert set(result["rsd"]) == {"random_walk.sigma_w", "random_walk.sigma_v",
@@ -71,13 +77,13 @@ def test_a_reader_that_has_had_enough_ends_the_command_quietly(folder):
 
 
 def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
-    assert s.main("criteria m.json --duration 200 --trials 32 --algorithms slopes,aic "
+    assert main("criteria m.json --duration 200 --trials 32 --algorithms slopes,aic "
                   "--json c.json --plot c.png".split()) == 0
     result = json.loads(pathlib.Path("c.json").read_text())
     assert set(result["algorithms"]) == {"slopes", "aic"}
     assert set(result["algorithms"]["aic"]["efficiency"]) == set(result["rsd"])
     assert "on the same trials" in capsys.readouterr().out
-    assert s.main("criteria m.json --duration 200 --trials 64 --target 0.3 "
+    assert main("criteria m.json --duration 200 --trials 64 --target 0.3 "
                   "--target-rsd tau_m=0.01 --design sigma_v=0.1,0.5 --design dt=0.5,1 "
                   "--json t.json --csv t.csv --plot t.png".split()) == 0
     said = capsys.readouterr().out
@@ -120,7 +126,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
 ])
 def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, message):
     before = sorted(os.listdir())
-    assert s.main(line.split()) == 2
+    assert main(line.split()) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
     assert sorted(os.listdir()) == before
@@ -131,7 +137,7 @@ def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, messag
                                   "criteria m.json --duration long"])
 def test_a_bad_command_gets_one_line(folder, capsys, line):
     with pytest.raises(SystemExit) as stop:
-        s.main(line.split())
+        main(line.split())
     assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
 
 
@@ -139,7 +145,7 @@ def test_a_prior_that_excludes_the_truth_is_told(folder, capsys):
     wide = {"dt": 1.0, "hypotheses": [{"name": "random_walk", "parameters": {
         "sigma_w": [1, 3], "sigma_v": [0.1, 1]}}]}
     pathlib.Path("w.json").write_text(json.dumps(wide))
-    assert s.main("identify r.npz --model w.json --json o.json".split()) == 0
+    assert main("identify r.npz --model w.json --json o.json".split()) == 0
     assert "low end of its range: widen the prior" in capsys.readouterr().out
     (best,) = json.loads(pathlib.Path("o.json").read_text())["hypotheses"]
     assert abs(best["parameters"]["sigma_w"]["mean"] - 1.0) < 1e-3
@@ -150,19 +156,19 @@ def test_missing_samples_raise_no_false_alarm(folder, capsys):
     y = rng.normal(size=4000)
     y[rng.random(4000) < 0.3] = np.nan
     np.savez("g.npz", error=y, dt=0.1)
-    assert s.main("identify g.npz --allow-missing --plot p.png".split()) == 0
+    assert main("identify g.npz --allow-missing --plot p.png".split()) == 0
     assert "no hypothesis describes" not in capsys.readouterr().out
     y = np.full(4000, np.nan)
     y[1000::3] = rng.normal(size=1000)
     np.savez("h.npz", error=y, dt=0.1)
-    assert s.main("identify h.npz --allow-missing --plot p.png".split()) == 0
+    assert main("identify h.npz --allow-missing --plot p.png".split()) == 0
 
 
 def test_a_large_offset_changes_nothing(folder, capsys):
     y = np.load("r.npz")["error"]
     for offset in (0.0, 1e9):
         np.savez("o.npz", error=y + offset, dt=1.0)
-        assert s.main("identify o.npz --json o.json".split()) == 0
+        assert main("identify o.npz --json o.json".split()) == 0
         found = json.loads(pathlib.Path("o.json").read_text())["hypotheses"][1]
         assert abs(found["parameters"]["sigma_v"]["mean"] - 0.5) < 0.02
 
@@ -172,7 +178,7 @@ def test_outputs_follow_links_and_leave_pipes_alone(folder):
     os.mkfifo("pipe.json")
     reader = subprocess.Popen(["cat", "pipe.json"], stdout=subprocess.PIPE)
     for name in ("link.json", "pipe.json"):
-        assert s.main(f"identify r.npz --json {name}".split()) == 0
+        assert main(f"identify r.npz --json {name}".split()) == 0
     assert json.loads(reader.communicate()[0])["decision"] == "random_walk"
     assert os.path.islink("link.json") and json.loads(
         pathlib.Path("target.json").read_text())
@@ -195,8 +201,119 @@ def test_a_real_gyro_is_identified(real, tmp_path, monkeypatch, capsys):
     run = np.load(real / "adis16405_run1.npz")
     monkeypatch.chdir(tmp_path)
     np.savez("gy.npz", error=run["gyro_counts"][1] * float(run["gyro_lsb"]), dt=0.01)
-    assert s.main("identify gy.npz --json o.json".split()) == 0
+    assert main("identify gy.npz --json o.json".split()) == 0
     result = json.loads(pathlib.Path("o.json").read_text())
     assert result["decision"] == "markov"
     # low-passed
     assert "no hypothesis describes this record" in capsys.readouterr().out
+
+
+def test_diagnose_writes_what_simulate_draws(tmp_path, capsys):
+    record = generator.record(600, 2, ["temperature"], level=4)
+    np.savez(tmp_path / "r.npz", dt=DT, **{k: record[k] for k in (
+        "error", "temperature", "rate")})
+    (tmp_path / "m.json").write_text(sensorlab.model_text(
+        sensorlab.Model(DT, "deg/h", CASE_3)))
+    folder = tmp_path / "out"
+    assert main(["diagnose", str(tmp_path / "r.npz"), "--model",
+                          str(tmp_path / "m.json"), "--out", str(folder)]) == 0
+    table = capsys.readouterr().out
+    assert "verdict: temperature" in table and "confused with" in table
+    report = json.loads((folder / "report.json").read_text())
+    assert report["verdict"] == report["causes"][0]["effect"] == "temperature"
+    assert sum(c["probability"] for c in report["causes"]) == pytest.approx(1.0)
+    assert (folder / "report.png").stat().st_size > 10000
+    assert main(["simulate", str(folder / "model.json"), "--like",
+                          str(tmp_path / "r.npz"), "--records", "50", "--out",
+                          str(tmp_path / "s.npz")]) == 0
+    drawn = np.load(tmp_path / "s.npz")["error"].mean(0)
+    T = record["temperature"] - record["temperature"].mean()
+    truth = record["truth"]["temperature"]["coefficient"]
+    assert T @ drawn / (T @ T) == pytest.approx(truth, rel=0.3)
+    assert main(["simulate", str(folder / "model.json"), "--samples", "100",
+                          "--out", str(tmp_path / "s.npz")]) == 2
+    assert "need the column temperature" in capsys.readouterr().err
+
+
+def test_diagnose_says_what_is_wrong_with_its_input(tmp_path, capsys):
+    y = np.random.default_rng(0).standard_normal(300)
+    np.savetxt(tmp_path / "r.csv", np.column_stack([np.arange(300.0), y]),
+               delimiter=",", header="time,error", comments="")
+    record = str(tmp_path / "r.csv")
+    for arguments, message in (
+            ([record, "--covariates", "humidity"], "no column 'humidity'"),
+            ([record, "--out", record], "is a file"),
+            ([record, "--simulated", str(tmp_path / "no.npz")], "no such file"),
+            ([], "diagnose needs a record"),
+            ([str(tmp_path / "no.csv")], "no such file")):
+        assert main(["diagnose", *arguments]) == 2
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1
+
+
+def test_a_model_with_effects_is_diagnosed_beyond_them(tmp_path, capsys):
+    noise = dict(name="correlated_noise", parameters=dict(tau=9.0, sigma=0.8))
+    step = dict(name="bias_step", parameters=dict(onset=700.0, size=6.0))
+    walk = dict(name="random_walk", parameters=dict(sigma_w=[0.04, 0.15], sigma_v=0.5))
+
+    def written(name, *effects):
+        file = tmp_path / name
+        file.write_text(json.dumps(dict(dt=1.0, hypotheses=[
+            dict(walk, effects=list(own), label=f"walk {number}")
+            for number, own in enumerate(effects)])))
+        return str(file)
+    model = written("m.json", (noise, step))
+    record, out = str(tmp_path / "r.npz"), tmp_path / "out"
+    assert main(["simulate", model, "--samples", "2000", "--seed", "4",
+                          "--out", record]) == 0
+    with np.load(record) as z:
+        y = z["error"][0]
+    wave = 1.0 * np.sin(0.7 * np.arange(2000))
+    np.savez(record, error=y, dt=1.0)
+    assert main(["diagnose", record, "--model", model]) == 0
+    assert "verdict: none" in capsys.readouterr().out
+    np.savez(record, error=y + wave, dt=1.0)
+    assert main(["diagnose", record, "--model", model, "--out", str(out)]) == 0
+    assert "verdict: sinusoid" in capsys.readouterr().out
+    added = json.loads((out / "model.json").read_text())["hypotheses"][0]
+    assert [e["name"] for e in added["effects"]] == [
+        "bias_step", "correlated_noise", "sinusoid"]
+    assert added["name"] == "random_walk" and set(added["parameters"]) == {
+        "sigma_w", "sigma_v"}
+
+    ranged = dict(step, parameters=dict(onset=700.0, size=[1.0, 6.0]))
+    heat = dict(name="temperature", column="temperature",
+                parameters=dict(coefficient=1.0))
+    coarse = dict(name="quantization", parameters=dict(lsb=0.1))
+    for effects, message in ((((noise,), (step,)), "different effects"),
+                             (((ranged,),), "has a range"),
+                             (((heat,),), "needs a column temperature"),
+                             (((coarse,),), "take it out")):
+        bad = written("bad.json", *effects)
+        assert main(["diagnose", record, "--model", bad]) == 2
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1
+
+
+def test_effects_are_defined_on_request(tmp_path, capsys):
+    assert main(["diagnose", "--effects"]) == 0
+    plain = capsys.readouterr().out
+    np.savez(tmp_path / "r.npz", error=np.random.default_rng(0).standard_normal(500),
+             dt=2.0)
+    assert main(["diagnose", str(tmp_path / "r.npz"), "--effects"]) == 0
+    there = capsys.readouterr().out
+    for e in sensorlab.CATALOGUE.values():
+        assert all((e.equation, e.resembles, e.experiment)), e.name
+        assert f"{e.name}: {e.equation}" in plain and f"{e.name}: {e.equation}" in there
+    assert "onset: uniform from 2 to 998 s" in there
+    assert "onset: uniform" not in plain
+
+
+def test_a_black_box_simulator_is_taken_by_its_records(tmp_path, capsys):
+    simulated = s.simulate(CASE_3[:1], DT, 2000, 4, seed=2).error
+    np.savez(tmp_path / "s.npz", error=simulated, dt=DT)
+    y = s.simulate(CASE_3[:1], DT, 2000, 1, seed=9).error[0]
+    np.savez(tmp_path / "r.npz", error=y + 5.0 * (np.arange(2000) > 900), dt=DT)
+    assert main(["diagnose", str(tmp_path / "r.npz"), "--simulated",
+                          str(tmp_path / "s.npz")]) == 0
+    assert "verdict: bias_step" in capsys.readouterr().out

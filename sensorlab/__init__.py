@@ -1,0 +1,30 @@
+"""The laboratory around `sensorid`: why a simulated record differs from a real one,
+other algorithms, files, pictures, the command line.
+
+    gap/           effect, size and place of what a simulator lacks; see `sensorlab.gap`
+    rivals         other algorithms, the Cramer-Rao bound
+    records        recordings as files hold them
+    modelfiles     simulators as files hold them
+    drawings       the pictures of --plot and of a diagnosis
+    commands/      the command line
+
+What is public can be taken from here; it is imported when it is asked for.
+"""
+
+import importlib
+
+_HOME = dict(
+    ALGORITHMS="rivals", estimation_bound="rivals",
+    Record="records", read_record="records",
+    Model="modelfiles", read_model="modelfiles", model_text="modelfiles",
+    simulator_from="modelfiles",
+    CATALOGUE="gap.effects", Added="gap.effects", Effect="gap.effects",
+    Scene="gap.effects", simulate_effects="gap.effects",
+    Diagnosis="gap.diagnosis", diagnose="gap.diagnosis", report="gap.report")
+__all__ = list(_HOME)
+
+
+def __getattr__(name):
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -1,0 +1,142 @@
+"""python -m sensorid criteria"""
+
+import csv
+import io
+import itertools
+import os
+
+import numpy as np
+
+from sensorid import (
+    _check_trials, _targets, _write, at_condition, criteria, record_length)
+from sensorlab.rivals import ALGORITHMS
+from sensorlab.modelfiles import read_model
+from sensorlab.drawings import _draw_criteria, _draw_design, _matplotlib, _save
+from sensorlab.commands.shared import (
+    _check_outputs, _refuse_effects, _write_json, progress_bar)
+
+
+def run(options):
+    model = read_model(options.model)
+    _refuse_effects(options.model, model)
+    _check_outputs([options.model], options.json, options.csv, plot=options.plot)
+    if options.checkpoint is not None and not os.path.isdir(options.checkpoint):
+        _check_outputs([], options.checkpoint)
+        if os.path.exists(options.checkpoint):
+            raise ValueError(f"{options.checkpoint} is a file: a folder is needed")
+    if options.target is not None or options.target_rsd:
+        return _targets_command(options, model)
+    for name in ("design", "csv"):
+        if getattr(options, name):
+            raise ValueError(f"--{name} goes with --target or --target-rsd")
+    plt = _matplotlib() if options.plot else None
+    result = criteria(model.hypotheses, model.dt, options.duration,
+                      500 if options.trials is None else options.trials, options.seed,
+                      algorithms=_algorithms(options.algorithms),
+                      checkpoint=options.checkpoint, progress=progress_bar)
+    error = result.error_probability
+    print(f"{result.trials} trials of {options.duration:g} s at {model.dt:g} s, seed "
+          f"{options.seed}; real / calculated, +- standard error")
+    print(f"{'time, s':>10}  {'error probability':<28}"
+          + "".join(f"{'RSD ' + label:<28}" for label in result.labels))
+    shown = np.unique(np.linspace(0, len(result.time) - 1, 12).astype(int))
+    for i in shown:
+        print(f"{result.time[i]:>10.4g}  " + "".join(
+            f"{f'{c.real[i]:.4f} / {c.calculated[i]:.4f} +- {c.real_se[i]:.4f}':<28}"
+            for c in (error, *result.rsd)))
+    for name, r in result.rivals.items():
+        print(f"\n{name}, on the same trials; error probability and what it is above "
+              "the Bayesian one, then efficiencies")
+        for i in shown:
+            print(f"{result.time[i]:>10.4g}  " + f"{r.error_probability[i]:.4f}, "
+                  + f"{f'{r.excess[i]:+.4f} +- {r.excess_se[i]:.4f}':<20}" + "".join(
+                      f"{f'{e[i]:.2f} +- {se[i]:.2f}':<28}"
+                      for e, se in zip(r.efficiency, r.efficiency_se)))
+    if options.json:
+        def by_label(parts):
+            return dict(zip(result.labels, parts))
+        _write_json(options.json, dict(
+            time=result.time, trials=result.trials, seed=options.seed, unit=model.unit,
+            error_probability=error._asdict(),
+            rsd=by_label(c._asdict() for c in result.rsd),
+            algorithms={name: {key: by_label(part) if isinstance(part, tuple) else part
+                               for key, part in r._asdict().items()}
+                        for name, r in result.rivals.items()}))
+    if plt:
+        _save(_draw_criteria(plt, result), options.plot)
+
+
+def _algorithms(text):
+    names = list(ALGORITHMS) if text == "all" else (text or "").split(",")
+    unknown = [name for name in names if name and name not in ALGORITHMS]
+    if unknown:
+        raise ValueError(f"--algorithms {', '.join(unknown)}: choose from "
+                         + ", ".join(ALGORITHMS) + ", or all")
+    return {name: ALGORITHMS[name] for name in names if name}
+
+
+def _numbers_of(option, texts, most=1000):
+    """Sorted numbers by name from texts NAME=V,V,..."""
+    result = {}
+    for text in texts:
+        name, _, values = text.rpartition("=")
+        try:
+            numbers = sorted(float(v) for v in values.split(","))
+        except ValueError:
+            numbers = []
+        if (not name or name in result or not 1 <= len(numbers) <= most
+                or not all(0.0 < v < np.inf for v in numbers)):
+            raise ValueError(f"{option} {text}: NAME=NUMBER is needed, once for each "
+                             "name, and numbers > 0")
+        result[name] = numbers
+    return result
+
+
+def _targets_command(options, model):
+    """How long must be recorded: one answer, or a table over conditions."""
+    rsd = {name: value for name, (value, *_) in _numbers_of(
+        "--target-rsd", options.target_rsd, most=1).items()}
+    design = _numbers_of("--design", options.design)
+    if set(design) - {"dt", "sigma_v"}:
+        raise ValueError(f"--design {', '.join(design)}: dt and sigma_v can be varied")
+    if options.algorithms:
+        raise ValueError("--algorithms goes with criteria, not with a target")
+    if options.plot and not design:
+        raise ValueError("--plot goes with --design: a single answer is no picture")
+    conditions = [(sigma_v, *at_condition(model.hypotheses, model.dt, dt, sigma_v))
+                  for dt, sigma_v in itertools.product(design.get("dt", [None]),
+                                                       design.get("sigma_v", [None]))]
+    trials = 4000 if options.trials is None else options.trials
+    for _, hypotheses, interval in conditions:    # refuse them before the work
+        _targets(hypotheses, options.target, rsd)
+        _check_trials(hypotheses, interval, options.duration, trials)
+    plt = _matplotlib() if options.plot else None
+    rows = []
+    print(f"shortest record [95 % interval], {trials} trials of {options.duration:g} s "
+          f"at most, seed {options.seed}")
+    for sigma_v, hypotheses, interval in conditions:
+        answer = record_length(hypotheses, interval, options.duration, options.target,
+                               rsd, trials, options.seed,
+                               checkpoint=options.checkpoint, progress=progress_bar)
+        condition = f"dt {interval:g} s" + (
+            f", sigma_v {sigma_v:g} {model.unit} at {model.dt:g} s" if sigma_v else "")
+        for n in answer:
+            rows.append(dict(dt=interval, sigma_v=sigma_v, **n._asdict()))
+            found = (f"{n.duration:.4g} s [{n.interval[0]:.4g}, {n.interval[1]:.4g}]"
+                     if n.duration == n.duration else
+                     f"not within {options.duration:g} s, {n.reached:.4g} there")
+            line = f"{condition}: {n.label} {n.target:g}: {found}"
+            print("; ".join(filter(None, (line, n.reason))), flush=True)
+    if options.json:
+        _write_json(options.json, dict(seed=options.seed, trials=trials, needed=rows))
+    if options.csv:
+        names = "dt", "sigma_v", "label", "target", "duration", "low", "high", "reached"
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(names)
+        table.writerows(["" if v is None or v != v else v for v in (
+            r["dt"], r["sigma_v"], r["label"], r["target"], r["duration"],
+            *r["interval"], r["reached"])] for r in rows)
+        _write(options.csv, lambda stream: stream.write(text.getvalue().encode()))
+    if plt:
+        _save(_draw_design(plt, rows, options.duration, model.unit), options.plot)

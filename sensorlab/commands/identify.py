@@ -1,0 +1,71 @@
+"""python -m sensorid identify"""
+
+import json
+
+import numpy as np
+
+from sensorid import (
+    MODELS, Parameter, _write, allan_misfit, decide, default_hypotheses, identify,
+    matrices, summary)
+from sensorlab.modelfiles import Model, model_text, read_model
+from sensorlab.drawings import _draw_identify, _matplotlib, _save
+from sensorlab.commands.shared import (
+    _check_outputs, _read, _refuse_effects, progress_bar)
+
+
+def run(options):
+    model = read_model(options.model) if options.model else None
+    _refuse_effects(options.model, model)
+    if model and options.hypotheses is not None:
+        raise ValueError("--hypotheses names defaults and --model brings its own: "
+                         "give one of them")
+    _check_outputs([options.record, options.model], options.json, options.save_model,
+                   plot=options.plot)
+    plt = _matplotlib() if options.plot else None
+    record = _read(options, model)
+    y, dt = record.error, record.dt
+    names = ("white_noise,random_walk,markov" if options.hypotheses is None
+             else options.hypotheses)
+    names = MODELS if names == "all" else names.split(",")
+    hypotheses = model.hypotheses if model else default_hypotheses(y, dt, names)
+    unit = model.unit if model else "u"
+    posterior = identify(y, dt, hypotheses, progress=progress_bar)
+    best = int(posterior.probability.argmax())
+    misfit = allan_misfit(y, dt, posterior.estimates[best])
+
+    print(f"{record.file}, column {record.column}: {len(y)} samples at {dt:g} s, "
+          f"{dt * len(y):g} s; {np.isnan(y).sum()} missing")
+    print(summary(posterior, unit))
+    chosen = decide(posterior)
+    print(misfit.sentence)
+    result = dict(
+        record=dict(file=record.file, column=record.column, samples=len(y), dt=dt),
+        decision=None if chosen is None else hypotheses[chosen].name,
+        hypotheses=[dict(
+            name=e.hypothesis.name, probability=float(posterior.probability[k]),
+            log_evidence=float(e.log_evidence),
+            parameters={p.symbol: dict(mean=float(m), sd=float(sd)) for p, m, sd in zip(
+                e.hypothesis.parameters, e.mean, np.sqrt(np.diag(e.covariance)))},
+            matrices=matrices(e, dt), nodes_per_sd=e.nodes_per_sd.tolist(),
+            settled=e.settled)
+            for k, e in enumerate(posterior.estimates)],
+        allan_misfit=dict(tau=misfit.tau, ratio=misfit.ratio, sd=misfit.sd))
+    if options.json:
+        _write(options.json,
+               lambda stream: stream.write(json.dumps(result, indent=1).encode()))
+    if options.save_model:
+        text = model_text(Model(dt, unit, (_narrowed(posterior.estimates[best]),)))
+        _write(options.save_model, lambda stream: stream.write(text.encode()))
+    if plt:
+        _save(_draw_identify(plt, record, posterior, unit), options.plot)
+
+
+def _narrowed(e):
+    """The hypothesis of an estimate with ranges of two standard deviations to
+    either side.
+    """
+    sds = np.sqrt(np.diag(e.covariance))
+    return e.hypothesis._replace(parameters=tuple(
+        Parameter(p.symbol, max(p.low, m - 2 * sd), min(p.high, m + 2 * sd))
+        if p.free else p
+        for p, m, sd in zip(e.hypothesis.parameters, e.mean, sds)))

@@ -1,0 +1,174 @@
+"""What the command line takes."""
+
+import argparse
+
+
+# written out, as the help shall not wait for the modules that define them
+MODELS = ("white_noise", "random_walk", "markov", "random_walk_markov", "two_markov",
+          "rate_ramp")
+ALGORITHMS = "slopes", "gmwm", "aic", "bic", "whittle"
+EFFECTS = (
+    "rate_ramp", "bias_step", "turn_on_transient", "sinusoid", "temperature",
+    "thermal_lag", "scale_factor", "nonlinearity", "latency", "g_sensitivity",
+    "covariate", "correlated_noise", "bias_instability", "bandwidth", "noise_step",
+    "outliers", "random_telegraph", "quantization", "saturation", "stuck", "wrong_parameter")
+
+DESCRIPTION = """\
+sensorid says which error model a gyro or an accelerometer follows, with which
+parameters, and how well that can be known at all (Stepanov and Motorin,
+Sensors 2019, 19(9), 1997); and why a simulated sensor differs from the real one."""
+
+
+EPILOG = """\
+a first session:
+  python -m sensorid identify record.csv --plot record.png
+  python -m sensorid criteria model.json --duration 2000 --trials 500
+  python -m sensorid simulate model.json --samples 20000 --records 10 \\
+    --out simulated.npz
+  python -m sensorid diagnose record.csv --model model.json --out gap
+
+record.csv has a header: time,error. model.json holds the hypotheses:
+  {"dt": 0.1, "unit": "deg/h", "bias_sigma": 1.0, "hypotheses": [
+    {"name": "random_walk", "parameters": {"sigma_w": [0.04, 0.15], "sigma_v": 0.5}},
+    {"name": "markov", "parameters": {
+      "tau_m": [60, 1500], "sigma_m": [0.5, 1.5], "sigma_v": 0.5}}]}
+A number is known, a range is to be found. tau_m is in s, every sigma in the unit of
+the record, sigma_w per sample.
+Hypotheses: """ + ", ".join(MODELS) + "."
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong."""
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def parser():
+    raw = argparse.RawDescriptionHelpFormatter
+    root = _Parser(prog="sensorid", description=DESCRIPTION, epilog=EPILOG,
+                     formatter_class=raw)
+    commands = root.add_subparsers(dest="command", required=True, metavar="command",
+                                     parser_class=_Parser)
+
+    one = commands.add_parser(
+        "identify", help="name the error model of a record", formatter_class=raw,
+        description="Probability of every hypothesis and the parameters of each, "
+                    "Eqs. (3)-(14).",
+        epilog="Without --model, priors come from sample characteristics "
+               "of the record.")
+    one.add_argument("record", help="CSV with a header, .npz, .mat or .npy")
+    one.add_argument("--model", metavar="M.json", help="hypotheses and priors")
+    one.add_argument("--hypotheses", metavar="NAMES",
+                     help="without --model: names, comma-separated, "
+                          "or all (default white_noise,random_walk,markov)")
+    _record_options(one)
+    one.add_argument("--json", metavar="OUT.json",
+                     help="write the result, with Phi, Gamma, H, Psi")
+    one.add_argument("--save-model", metavar="OUT.json",
+                     help="write the most probable model, "
+                          "ready for simulate and criteria")
+    one.add_argument("--plot", metavar="OUT.png", help="draw the result")
+
+    two = commands.add_parser(
+        "criteria", help="how well the models of a file can be identified",
+        formatter_class=raw,
+        description="Error probability and relative standard deviations "
+                    "against record length,\nEqs. (15)-(20), or how long must be "
+                    "recorded for a target of them.",
+        epilog="sensorid criteria M.json --duration 2000 --algorithms all\n"
+               "sensorid criteria M.json --duration 2000 --target 0.02 "
+               "--target-rsd tau_m=0.35\n"
+               "sensorid criteria M.json --duration 2000 --target 0.05 "
+               "--design dt=0.1,1 \\\n    --design sigma_v=0.1,0.5 --csv T.csv "
+               "--plot T.png\n"
+               "At another dt the random walk and the density of the white noise stay.")
+    two.add_argument("model", metavar="M.json", help="hypotheses and priors")
+    two.add_argument("--duration", type=float, required=True, metavar="S",
+                     help="record length, s; with a target, the longest in question")
+    two.add_argument("--trials", type=int, metavar="L",
+                     help="trials (default 500; 4000 with a target)")
+    two.add_argument("--algorithms", metavar="NAMES",
+                     help="put others through the same trials: all, or any of "
+                          + ", ".join(ALGORITHMS) + ", comma-separated")
+    two.add_argument("--target", type=float, metavar="P",
+                     help="how long must be recorded for this error probability")
+    two.add_argument("--target-rsd", action="append", default=[], metavar="NAME=R",
+                     help="the same for a relative standard deviation, such as "
+                          "tau_m=0.2; may be repeated")
+    two.add_argument("--design", action="append", default=[], metavar="NAME=V,V,...",
+                     help="answer the targets for every sampling interval dt, s, or "
+                          "white noise sigma_v, u; may be repeated for a grid of both")
+    two.add_argument("--csv", metavar="OUT.csv", help="write the design table")
+    two.add_argument("--seed", type=_seed, default=0,
+                     help="of the random numbers, >= 0 (default 0)")
+    two.add_argument("--checkpoint", metavar="FOLDER",
+                     help="keep finished chunks of trials there; "
+                          "the same command takes up an interrupted run")
+    two.add_argument("--json", metavar="OUT.json", help="write the result")
+    two.add_argument("--plot", metavar="OUT.png", help="draw the result")
+
+    four = commands.add_parser(
+        "diagnose", help="why a record differs from a simulator", formatter_class=raw,
+        description="Where a record differs from a simulator, which effect causes it,\n"
+                    "how far the gap closes once that effect is added.",
+        epilog="Effects looked for: " + ", ".join(EFFECTS) + ".\n"
+               "--effects defines each of them; with a record, it gives their priors "
+               "there.\n"
+               "Without --model and --simulated, the simulator is white noise, random "
+               "walk or\nMarkov process with priors from the record.")
+    four.add_argument("record", nargs="?", help="CSV with a header, .npz, .mat or .npy")
+    four.add_argument("--effects", action="store_true",
+                      help="define the effects that are looked for, and do no more")
+    simulator = four.add_mutually_exclusive_group()
+    simulator.add_argument("--model", metavar="M.json", help="the simulator")
+    simulator.add_argument("--simulated", metavar="FILE",
+                           help="records of the simulator, error[L, N] or one column")
+    _record_options(four)
+    four.add_argument("--covariates", metavar="NAMES",
+                      help="columns beside the error, comma-separated, NAME or "
+                           "NAME=COLUMN, such as temperature=temp_degC "
+                           "(default all, '' for none)")
+    four.add_argument("--seed", type=_seed, default=0,
+                      help="of the simulated records, >= 0 (default 0)")
+    four.add_argument("--out", metavar="DIR",
+                      help="folder for report.json, report.png and model.json, "
+                           "the simulator with the effects added")
+
+    three = commands.add_parser(
+        "simulate", help="draw records from a model file", formatter_class=raw,
+        description="Records from the prior of a model file; arrays error[L, N] "
+                    "and dt, with the name of the true hypothesis and its "
+                    "parameters.")
+    three.add_argument("model", metavar="M.json", help="the simulator")
+    length = three.add_mutually_exclusive_group(required=True)
+    length.add_argument("--samples", type=int, metavar="N", help="samples of a record")
+    length.add_argument("--like", metavar="RECORD",
+                        help="as long as this record, and with its gaps")
+    _record_options(three)
+    three.add_argument("--records", type=int, default=1, metavar="L",
+                       help="records (default 1)")
+    three.add_argument("--seed", type=_seed, default=0,
+                       help="of the random numbers, >= 0 (default 0)")
+    three.add_argument("--out", required=True, metavar="FILE.npz",
+                       help="file to be written")
+    return root
+
+
+def _seed(text):
+    """A seed of the command line."""
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number >= 0")
+    return int(text)
+
+
+def _record_options(parser):
+    parser.add_argument("--column", default="error", metavar="C",
+                        help="column of the sensor error (default error)")
+    parser.add_argument("--dt", type=float, metavar="S",
+                        help="sampling interval, s "
+                             "(default: from the column time or the scalar dt)")
+    parser.add_argument("--resample", action="store_true",
+                        help="interpolate an uneven record onto even times")
+    parser.add_argument("--allow-missing", action="store_true",
+                        help="take NaN and empty cells as missing samples")

@@ -1,0 +1,199 @@
+"""The pictures of --plot and of a diagnosis. Matplotlib is imported when asked for."""
+
+import pathlib
+
+import numpy as np
+from scipy.special import ndtr
+
+from sensorid import (
+    GAMMA, MIN_SAMPLES, _filter_at, _write, allan_deviation, allan_variance, identify,
+    model_allan_variance)
+from sensorlab.gap.effects import simulate_effects
+from sensorlab.gap.account import as_simulated
+from sensorlab.gap.report import _added_names, _outstanding
+
+
+def _matplotlib():
+    try:
+        import matplotlib
+    except ImportError:
+        raise ValueError("--plot needs Matplotlib: pip install matplotlib") from None
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    return plt
+
+
+def _save(fig, file):
+    fig.set_layout_engine("tight")
+    kind = pathlib.Path(file).suffix[1:].lower()
+    _write(file, lambda stream: fig.savefig(stream, format=kind, dpi=150))
+
+
+def _draw_identify(plt, record, posterior, unit):
+    """Allan deviations of the record and of every hypothesis;
+    probability against length.
+    """
+    y, dt = record.error, record.dt
+    fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2))
+    tau, adev = allan_deviation(y, dt, per_octave=2)
+    left.loglog(tau, adev, "k.-", label="record")
+    m = np.unique(np.geomspace(1, max(len(y) // 3, 1), 40).astype(int))
+    lengths = [n for n in len(y) // 2**np.arange(6, -1, -1) if n >= MIN_SAMPLES
+               and (~np.isnan(y[:n])).sum() >= MIN_SAMPLES
+               and np.nanmin(y[:n]) < np.nanmax(y[:n])]
+    hypotheses = [e.hypothesis for e in posterior.estimates]
+    history = np.array([identify(y[:n], dt, hypotheses).probability for n in lengths])
+    for k, e in enumerate(posterior.estimates):
+        filt = _filter_at(e.hypothesis, dt, e.mean)
+        left.loglog(m * dt, np.sqrt(model_allan_variance(filt, m)),
+                    color=f"C{k}",
+                    label=f"{e.hypothesis.name}, {posterior.probability[k]:.3f}")
+        right.semilogx(np.array(lengths) * dt, history[:, k], "o-", color=f"C{k}",
+                       label=e.hypothesis.name)
+    right.axhline(GAMMA, color="0.6", linestyle=":", label=f"threshold {GAMMA}")
+    left.set(xlabel="averaging time, s", ylabel=f"Allan deviation, {unit}",
+             title=f"{pathlib.Path(record.file).name}, {record.column}")
+    right.set(xlabel="record length used, s", ylabel="probability of the hypothesis",
+              ylim=(-0.03, 1.03), title="Eq. (10)")
+    for ax in (left, right):
+        ax.legend(frameon=False)
+        ax.grid(True, which="major", alpha=0.3)
+    return fig
+
+
+def _draw_criteria(plt, result):
+    fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2))
+    for ax, curves in ((left, [("error probability", result.error_probability)]),
+                       (right, list(zip(result.labels, result.rsd)))):
+        for number, (label, c) in enumerate(curves):
+            color = f"C{number}"
+            ax.plot(result.time, c.real, "-", color=color, label=label)
+            ax.plot(result.time, c.calculated, "--", color=color)
+            ax.fill_between(result.time, c.real - c.real_se, c.real + c.real_se,
+                            color=color, alpha=0.2, linewidth=0)
+        ax.plot([], [], "-", color="0.4", label="real, +- standard error")
+        ax.plot([], [], "--", color="0.4", label="calculated")
+    for number, (name, r) in enumerate(result.rivals.items(), 1):
+        left.plot(result.time, r.error_probability, ":o", color=f"C{number}",
+                  markersize=3, label=name)
+        for label, c in enumerate(r.rsd):
+            right.plot(result.time, c, ":", color=f"C{label}", linewidth=0.8)
+    if result.rivals:
+        right.plot([], [], ":", color="0.4", label="other algorithms")
+    for ax, curves in (left, 2 + len(result.rivals)), (right, 2 + len(result.rsd)):
+        ax.set_xlabel("time, s")
+        ax.legend(frameon=False, fontsize="small", loc="upper right",
+                  ncols=1 + (curves > 5))
+        ax.grid(True, alpha=0.3)
+        ax.margins(y=0.35 if curves > 5 else 0.05)
+        ax.set_ylim(bottom=0)
+    left.set_ylabel("identification error probability")
+    right.set_ylabel("relative standard deviation")
+    return fig
+
+
+def _draw_design(plt, rows, limit, unit):
+    """Needed duration against one condition, a line for each value of the other."""
+    labels = list(dict.fromkeys((r["label"], r["target"]) for r in rows))
+    several = len({r["sigma_v"] for r in rows}) > 1
+    x, other = ("sigma_v", "dt") if several else ("dt", "sigma_v")
+    fig, axes = plt.subplots(1, len(labels), figsize=(1.0 + 4.6 * len(labels), 4.2),
+                             squeeze=False)
+    for ax, (label, target) in zip(axes[0], labels):
+        for number, value in enumerate(dict.fromkeys(r[other] for r in rows)):
+            own = [r for r in rows if (r["label"], r["target"], r[other]) == (
+                label, target, value)]
+            at = np.array([r[x] for r in own])
+            low, high = np.clip([r["interval"] for r in own], None, limit).T
+            ax.plot(at, [r["duration"] for r in own], "o-", color=f"C{number}",
+                    label=None if value is None else
+                    f"dt = {value:g} s" if several else f"sigma_v = {value:g} {unit}")
+            ax.fill_between(at, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
+            never = at[[r["duration"] != r["duration"] for r in own]]
+            ax.plot(never, np.full(len(never), limit), "^", color=f"C{number}")
+        ax.set(xscale="log", yscale="log", ylabel="needed record length, s",
+               xlabel=f"white noise sigma_v, {unit}" if several else
+               "sampling interval, s",
+               title=f"{label} of {target:g}")
+        ax.plot([], [], "k^", label=f"not within {limit:g} s")
+        ax.grid(True, which="both", alpha=0.3)
+        ax.legend(frameon=False)
+    return fig
+
+
+def _draw_diagnosis(plt, d, record, unit):
+    """Log-score gain over time; Allan deviation in the simulated bands before and
+    after; residuals against what the cause is about.
+    """
+    scene = d.scene
+    fig, axes = plt.subplots(1, 3, figsize=(15.0, 4.4))
+    fig.suptitle(f"{pathlib.Path(record.file).name}, {record.column}: {d.verdict}")
+    left, middle, right = axes
+    gain = np.nan_to_num(d.after.log_score - d.before.log_score)
+    left.plot(scene.time, np.cumsum(gain), "k-")
+    left.set(xlabel="time, s", title=f"gain of the simulator with {_added_names(d)}",
+             ylabel="log score, one step ahead, sum, nats")
+
+    tau, adev = allan_deviation(scene.y, scene.dt)
+    m = np.round(tau / scene.dt).astype(int)
+    for acc, gap, colour, label in (
+            (d.base, d.before, "tab:red", "simulator as it was"),
+            (d.final, d.after, "tab:blue", f"with {_added_names(d)}")):
+        h, added = as_simulated(acc, scene, gap.theta)
+        drawn = simulate_effects([h], [added], scene, 60, 1).error
+        curves = np.sqrt([allan_variance(drawn, scene.dt, k) for k in m])
+        middle.fill_between(tau, *np.nanquantile(curves, [0.05, 0.95], axis=1),
+                            color=colour, alpha=0.3, linewidth=0,
+                            label=f"{label}, 90 % of records")
+    middle.loglog(tau, adev, "k.-", label="record")
+    middle.set(xlabel="averaging time, s", ylabel=f"Allan deviation, {unit}",
+               xscale="log", yscale="log")
+    middle.legend(frameon=False)
+
+    i = _outstanding(d.before)[0]
+    place, column = d.before.statistics.place[i], d.before.statistics.column[i]
+    for z, colour, label in ((d.before.z, "tab:red", "before"),
+                             (d.after.z, "tab:blue", "after")):
+        x, value = _residual_curve(z, scene, place, column)
+        right.plot(x, value, ".-", color=colour, label=label, alpha=0.8)
+    labels = dict(
+        time=("time, s", "mean residual, standard errors"),
+        frequency=("frequency, Hz", "power of the residuals"),
+        averaging_time=("lag, s", "correlation of the residuals"),
+        lag=("lag, s", "correlation of the residuals"),
+        amplitude=("residual, standard deviations", "samples over those expected"),
+        covariate=(column, "mean residual, standard errors"))
+    right.set(xlabel=labels[place][0], ylabel=labels[place][1],
+              title=f"where it stands out: {place.replace('_', ' ')}")
+    if place == "frequency":
+        right.set(xscale="log", yscale="log")
+    right.legend(frameon=False)
+    for ax in axes:
+        ax.grid(True, which="major", alpha=0.3)
+    return fig
+
+
+def _residual_curve(z, scene, place, column):
+    """Residuals against the coordinate of a place."""
+    seen = ~np.isnan(z)
+    z0 = np.where(seen, z, 0.0)
+    if place == "frequency":
+        power = np.abs(np.fft.rfft(z0))**2 / max(seen.sum(), 1)
+        edges = np.unique(np.geomspace(1, len(power), 60).astype(int))
+        frequency = np.fft.rfftfreq(len(z), scene.dt)
+        return ([frequency[a:b].mean() for a, b in zip(edges[:-1], edges[1:])],
+                [power[a:b].max() if b - a < 3 else power[a:b].mean()
+                 for a, b in zip(edges[:-1], edges[1:])])
+    if place in ("lag", "averaging_time"):
+        lags = np.arange(1, min(40, len(z) // 4))
+        return lags * scene.dt, [np.mean(z0[k:] * z0[:-k]) for k in lags]
+    if place == "amplitude":
+        edges = np.linspace(-6.0, 6.0, 25)
+        count = np.histogram(z0[seen].clip(-5.99, 5.99), edges)[0]
+        expected = np.diff(ndtr(edges)) * seen.sum()
+        return 0.5 * (edges[1:] + edges[:-1]), (count + 0.5) / (expected + 0.5)
+    x = scene.columns[column] if place == "covariate" else scene.time
+    parts = [part for part in np.array_split(np.argsort(x, kind="stable"), 32)
+             if seen[part].any()]
+    return ([x[part].mean() for part in parts],
+            [z0[part].sum() / np.sqrt(seen[part].sum()) for part in parts])

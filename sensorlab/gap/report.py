@@ -1,0 +1,188 @@
+"""A diagnosis as a table for people and as JSON for programs."""
+
+import numpy as np
+
+from sensorlab.gap.effects import CATALOGUE, _curved
+from sensorlab.gap.causes import LISTED
+from sensorlab.gap.places import FAR, UNITS
+from sensorlab.gap.diagnosis import LAGS, SURE
+
+
+def _finite(x):
+    """A value for JSON: None for a number that there is not."""
+    if isinstance(x, dict):
+        return {name: _finite(v) for name, v in x.items()}
+    if isinstance(x, (list, tuple, np.ndarray)):
+        return [_finite(v) for v in x]
+    if x is None or isinstance(x, (str, int)):
+        return x
+    return float(x) if np.isfinite(x) else None
+
+
+def _outstanding(gap):
+    """Of every place the statistic that stands out most, largest first."""
+    places = np.array(gap.statistics.place)
+    best = [int(np.flatnonzero(places == place)[
+        np.abs(gap.distance[places == place]).argmax()])
+        for place in gap.p_place]
+    return sorted(best, key=lambda i: -abs(gap.distance[i]))
+
+
+def report(d, record):
+    """Contents of report.json for a diagnosis of a `Record`."""
+    s = d.before.statistics
+    return _finite(dict(
+        record=dict(file=record.file, column=record.column, samples=len(record.error),
+                    dt=record.dt),
+        verdict=d.verdict,
+        gap=dict(p_value=d.before.p_value, residual_p_value=d.after.p_value,
+                 before=d.rms_before, after=d.rms_after, closed=d.closed,
+                 closed_interval=d.closed_interval,
+                 nats_per_sample=d.nats_per_sample,
+                 held_out=d.held_out and d.held_out._asdict()),
+        where=[dict(place=s.place[i], at=s.at[i],
+                    column=s.column[i] or None, before=abs(float(d.before.distance[i])),
+                    after=abs(float(d.after.distance[i])),
+                    p_value=d.before.p_place[s.place[i]],
+                    residual_p_value=d.after.p_place[s.place[i]])
+               for i in _outstanding(d.before)],
+        causes=[dict(effect=c.effect, column=c.column or None,
+                     probability=c.probability, log_bayes_factor=c.log_bayes,
+                     parameters={k: dict(mean=v[0], sd=v[1])
+                                 for k, v in c.parameters.items()})
+                for c in d.causes],
+        needed_duration=d.needed_duration))
+
+
+FACTORS = {9.80665: "g taken for m/s^2", 57.29578: "deg taken for rad",
+           3600.0: "per hour taken for per second", 60.0: "per root hour taken for "
+           "per root second", 1000.0: "milli left out"}
+
+
+def _looks_like(factor, sd, dt):
+    """What a wrong factor usually is."""
+    named = {**FACTORS, 1.0 / dt: "the sampling rate",
+             dt**-0.5: "root of the rate: a density taken for a per-sample sigma, or "
+             "the other way round"}
+    for value, text in named.items():
+        for v in (value, 1.0 / value):
+            if abs(factor - v) < max(3.0 * sd, 0.03 * v) and sd < 0.2 * v \
+                    and abs(np.log(v)) > 0.2:
+                return f"about {v:.4g}: {text}"
+    return ""
+
+
+def _words(c, dt):
+    """Parameters of a cause as text."""
+    parts = []
+    for name, (mean, sd) in c.parameters.items():
+        if isinstance(mean, list):
+            shown = mean if len(mean) <= 2 else f"{len(mean)} of them"
+            parts.append(f"{name} {shown}")
+        elif isinstance(mean, str):
+            parts.append(mean)
+        else:
+            parts.append(f"{name} {mean:.4g}" + (f" +- {sd:.2g}" if sd else ""))
+    if c.effect == "wrong_parameter" and "factor" in c.parameters:
+        parts.append(_looks_like(*c.parameters["factor"], dt))
+    return ", ".join(filter(None, parts))
+
+
+def _table(d, record, unit):
+    """The diagnosis as a table for a terminal."""
+    lines = [f"{record.file}, column {record.column}: {len(record.error)} samples at "
+             f"{record.dt:g} s; beside it: {', '.join(record.columns) or 'nothing'}",
+             f"verdict: {d.verdict}"
+             + (", alone or with another effect" if d.causes[0].probability < SURE
+                and d.verdict != "undecided" else "")]
+    if d.before.p_value > 0.05 and d.verdict == "none":
+        lines.append("the simulator describes the record: a gap as large has the "
+                     f"chance {d.before.p_value:.2g}")
+    elif d.before.p_value > 0.05:
+        lines.append("no place stands out by itself (a gap as large has the chance "
+                     f"{d.before.p_value:.2g}): only the search for each effect tells")
+    else:
+        lines.append(f"gap: {d.rms_before:.3g} standard deviations where it stands out "
+                     f"(p = {d.before.p_value:.2g}; 1 is no gap)")
+    shown = {c.effect + (f" ({c.column})" if c.column and c.column not in c.effect
+                         else ""): c for c in d.causes[:6]
+             if c.probability >= LISTED or c.effect in ("none", "unknown")}
+    width = max(map(len, shown)) + 2
+    lines.append(f"{'cause':<{width}}probability    ln B  size, in {unit}, s, Hz")
+    for name, c in shown.items():
+        log_bayes = "" if c.effect in ("none", "unknown") else f"{c.log_bayes:.1f}"
+        lines.append(f"{name:<{width}}{c.probability:>11.3f}{log_bayes:>8}  "
+                     + _words(c, record.dt))
+    lines.append(f"{'where':<16}{'at':<30}{'before':>8}{'after':>8}{'p':>10}"
+                 "   standard deviations")
+    s = d.before.statistics
+    for i in _outstanding(d.before):
+        before, after = (abs(g.distance[i]) for g in (d.before, d.after))
+        lines.append(f"{s.place[i]:<16}{_at(s, i):<30}{before:>8.1f}{after:>8.1f}"
+                     f"{d.before.p_place[s.place[i]]:>10.2g}")
+    if np.isfinite(d.closed):
+        lines.append(f"closed by adding {_added_names(d)}: {_percent(d)} of the gap, "
+                     f"{d.nats_per_sample:.2g} nats a sample; left: p = "
+                     f"{d.after.p_value:.2g}")
+    if d.held_out:
+        h = d.held_out
+        lines.append("the last third, by a fit of the others: "
+                     + (f"closed {_percent(h)}, " if np.isfinite(h.closed) else
+                        "nothing stands out, ")
+                     + f"{h.gain:+.2g} nats a sample (a regression on {LAGS} samples "
+                     f"and all columns: {h.reference:+.2g}); errors are "
+                     f"{h.ratio_before:.3g} of what is calculated before, "
+                     f"{h.ratio_after:.3g} after")
+    named = [c.effect for c in d.causes if c.effect in CATALOGUE][:2]
+    for name in named if d.verdict == "undecided" else named[:1]:
+        e = CATALOGUE[name]
+        if d.verdict != "none":
+            lines.append(f"{name} is confused with {e.resembles}; "
+                         f"to tell: {e.experiment}")
+    lines += [f"{one.effect.name} is that with the {one.variant} of {one.column}"
+              for one in d.final.signatures if one.effect.build is _curved]
+    for column in {s.column for s in d.final.signatures if s.column}:
+        low, high = _clusters(d.scene.columns[column])
+        if high:
+            lines.append(f"{column} is {low[0]:.4g} to {low[1]:.4g} or {high[0]:.4g} "
+                         f"to {high[1]:.4g}, never between: whatever else changed "
+                         "with it explains the record as well")
+    if d.verdict == "undecided":
+        lines.append(f"a record of about {float(f'{d.needed_duration:.2g}'):g} s would "
+                     "tell the first two apart, if the odds grow as they did")
+    if d.verdict == "unknown":
+        i = _outstanding(d.after)[0]
+        lines.append("what is left fits no effect of the catalogue: look at "
+                     f"{s.place[i].replace('_', ' ')}, {_at(s, i)}")
+    return "\n".join(lines) + "\n"
+
+
+def _percent(part):
+    """What is closed of a gap, and its interval, as text."""
+    low, high = part.closed_interval
+    return f"{100 * part.closed:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+def _at(s, i):
+    """Where statistic number i looks, as text."""
+    (low, high), unit = s.at[i], s.column[i] or UNITS[s.place[i]]
+    if s.place[i] == "amplitude" and max(-low, high) >= FAR:
+        if high - low >= 2.0 * FAR:
+            return "all of it"
+        return f"below {high:.3g} {unit}" if low <= -FAR else f"beyond {low:.3g} {unit}"
+    return (f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}") + f" {unit}"
+
+
+def _clusters(x):
+    """Ends of the lower and the upper cluster of a column, the latter () if one is all:
+    two are apart by more than half of the range.
+    """
+    x = np.sort(x)
+    at = int(np.diff(x).argmax())
+    if x[at + 1] - x[at] < 0.5 * (x[-1] - x[0]):
+        return (x[0], x[-1]), ()
+    return (x[0], x[at]), (x[at + 1], x[-1])
+
+
+def _added_names(d):
+    return "+".join(c.effect for c in d.found) or "nothing"

@@ -1,0 +1,118 @@
+"""Effects as they are written: covariances, spectra, simulated records."""
+
+from conftest import DT, MODEL
+import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
+import pytest
+from scipy.stats import multivariate_normal
+
+import sensorid
+import sensorlab
+from sensorlab import Scene
+from sensorlab.gap import effects, filters
+
+
+@pytest.mark.parametrize("name", ["correlated_noise", "bias_instability", "bandwidth",
+                                  "noise_step"])
+def test_processes_have_the_covariance_that_is_written(name):
+    scene = Scene(np.zeros(200), DT, {})
+    h = effects.extend(scene, MODEL[1], sensorlab.CATALOGUE[name])
+    t, eye = np.arange(200), np.eye(200)
+    lag = np.abs(t[:, None] - t)
+    base = 0.81 * np.exp(-lag / 300.0)
+    own, expected = {
+        "correlated_noise": ((7.0, 0.6), base + 0.16 * eye
+                             + 0.36 * np.exp(-lag / 7.0)),
+        "bias_instability": ((0.6,), base + 0.16 * eye + 0.36 * np.log10(20.0) / 2 * (
+            np.exp(-lag / 20.0) + np.exp(-lag))),
+        "bandwidth": ((2.0,), base + 0.16 * np.tanh(0.25) * np.exp(-lag / 2.0)),
+        "noise_step": ((120.0, 3.0), base + 0.16 * eye * np.where(t >= 120, 9, 1)),
+    }[name]
+    theta = np.array([[300.0, 0.9, 0.4, *own]])
+    y = np.random.default_rng(5).standard_normal(200)
+    assert_allclose(filters._log_likelihoods(h, scene._replace(y=y), (), theta),
+                    multivariate_normal(cov=expected + 1.0).logpdf(y), rtol=1e-9)
+
+
+def test_flicker_noise_has_the_spectrum_of_the_standard():
+    scene = Scene(np.zeros(10**5), DT, {})
+    h = effects.extend(scene, sensorid.hypothesis("white_noise", sigma_v=1.0),
+                        sensorlab.CATALOGUE["bias_instability"])
+    b = sensorid.bank(h, DT, np.array([[1.0, 1.0]]))
+    a, q = (np.diagonal(m[0, 0])[1:, None] for m in (b.Phi, b.Q))
+    f = np.geomspace(1e-4, 3e-2, 40)    # Hz, well inside the band
+    S = (q / np.abs(1.0 - a * np.exp(-2j * np.pi * f))**2).sum(0)
+    B2 = np.pi / (5 * np.log(10))    # of sigma = 1 over five decades
+    assert_allclose(S, B2 / (2 * np.pi * f), rtol=0.12)
+
+
+ADDED = dict(
+    rate_ramp=("", dict(slope=0.01)), bias_step=("", dict(onset=400.0, size=2.0)),
+    turn_on_transient=("", dict(tau=100.0, size=3.0)),
+    sinusoid=("", dict(frequency=0.05, amplitude=1.0, phase=0.5)),
+    temperature=("temperature", dict(coefficient=0.2)),
+    thermal_lag=("temperature", dict(coefficient=0.2, tau=40.0)),
+    scale_factor=("rate", dict(coefficient=0.01)),
+    nonlinearity=("rate", dict(coefficient=1e-3)),
+    latency=("rate", dict(coefficient=0.1)),
+    g_sensitivity=("acceleration", dict(coefficient=0.3)),
+    covariate=("pressure", dict(coefficient=0.3)))
+
+
+def test_simulated_signatures_are_what_is_written():
+    n = 800
+    t = np.arange(n) * DT
+    rng = np.random.default_rng(3)
+    columns = {name: rng.standard_normal(n).cumsum() for name in (
+        "temperature", "rate", "acceleration", "pressure")}
+    scene = Scene(np.zeros(n), DT, columns)
+    T, rate = columns["temperature"], columns["rate"]
+    lag, a = [T[0]], np.exp(-1.0 / 40.0)
+    for x in T[1:]:
+        lag.append(a * lag[-1] + (1 - a) * x)
+    expected = dict(
+        rate_ramp=0.01 * t, bias_step=2.0 * (t >= 400.0),
+        turn_on_transient=3.0 * np.exp(-t / 100.0),
+        sinusoid=np.cos(2 * np.pi * 0.05 * t + 0.5), temperature=0.2 * (T - T.mean()),
+        thermal_lag=0.2 * (lag - np.mean(lag)),
+        scale_factor=0.01 * (rate - rate.mean()),
+        nonlinearity=1e-3 * (rate**2 - np.mean(rate**2)),
+        latency=0.1 * np.append(0.0, np.diff(rate)),
+        g_sensitivity=0.3 * (columns["acceleration"] - columns["acceleration"].mean()),
+        covariate=0.3 * (columns["pressure"] - columns["pressure"].mean()))
+    h = MODEL[:1]
+    plain = sensorlab.simulate_effects(h, [()], scene, 2, seed=5).error
+    assert_array_equal(plain, sensorid.simulate(h, DT, n, 2, seed=5).error)
+    for name, (column, values) in ADDED.items():
+        one = sensorlab.Added(sensorlab.CATALOGUE[name], column, "", values)
+        with_effect = sensorlab.simulate_effects(h, [(one,)], scene, 2, seed=5).error
+        assert_allclose(with_effect - plain, np.tile(expected[name], (2, 1)),
+                        atol=1e-12, err_msg=name)
+
+
+def test_simulated_noises_have_the_variance_that_is_written():
+    h = [sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0)]
+    scene = Scene(np.zeros(20000), DT, {})
+
+    def altered(*added):
+        return sensorlab.simulate_effects(h, [added], scene, seed=2).error[0]
+
+    def drawn(effect, **values):
+        added = {k: sensorid.Parameter(k, v, v) for k, v in values.items()}
+        return altered(sensorlab.Added(sensorlab.CATALOGUE[effect], "", "", added))
+    y = drawn("noise_step", onset=10000.0, ratio=2.0)
+    assert_allclose([y[:10000].std(), y[10000:].std()], [1.0, 2.0], rtol=0.03)
+    assert_allclose(drawn("correlated_noise", tau=5.0, sigma=2.0).var(), 5.0, rtol=0.1)
+    y = drawn("bandwidth", tau=3.0)
+    a = np.exp(-1 / 3)
+    assert_allclose(y.var(), (1 - a) / (1 + a), rtol=0.05)
+    assert_allclose(drawn("outliers", rate=0.02, sigma=8.0).var(), 2.28, rtol=0.25)
+    y = drawn("random_telegraph", dwell=30.0, size=6.0)
+    assert_allclose(y.var(), 10.0, rtol=0.1)
+    assert np.count_nonzero(np.diff(y > 0.0)) == pytest.approx(20000 / 30, rel=0.15)
+    y = altered(*(sensorlab.Added(sensorlab.CATALOGUE[name], "", "", value)
+                  for name, value in (("saturation", dict(limits=[-1.0, 2.0])),
+                                      ("quantization", dict(lsb=0.25)),
+                                      ("stuck", dict(spans=[[100.0, 20]])))))
+    assert y.min() == -1.0 and y.max() == 2.0 and len(np.unique(y)) <= 13
+    assert (y[100:120] == y[100]).all()

@@ -1,0 +1,102 @@
+"""Evidence by sampling against grids, quadrature and sums."""
+
+from conftest import DT, MODEL
+import generator
+import numpy as np
+from numpy.testing import assert_allclose
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+
+import sensorid
+import sensorlab
+from sensorlab import Scene
+from sensorlab.gap import account, effects, evidence, filters
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_importance_sampling_finds_the_evidence_of_the_grid(k):
+    y = sensorid.simulate(MODEL[k:k + 1], DT, 1000, seed=8).error[0]
+    scene = Scene(y, DT, {})
+    for h in MODEL:
+        exact = sensorid.identify(y, DT, [h]).estimates[0]
+        errors = []
+        for seed in range(8):
+            s = evidence.integrate(
+                lambda theta, h=h: filters._log_likelihoods(h, scene, (),
+                                                             theta)[:, None],
+                h.parameters, seed=seed)
+            errors.append(s.log_evidence[0] - exact.log_evidence)
+            assert_allclose(s.weight @ s.theta, exact.mean,
+                            atol=0.6 * np.sqrt(np.diag(exact.covariance)).max())
+        assert abs(np.mean(errors)) < 0.1 and np.std(errors) < 0.2
+
+
+def test_importance_sampling_of_a_sharp_correlated_gaussian():
+    parameters = tuple(sensorid.Parameter(s, 0.0, 1.0) for s in "abc")
+    C = 1e-4 * np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.3], [0.0, 0.3, 1.0]])
+    law = multivariate_normal([0.3, 0.6, 0.5], C)
+    s = evidence.integrate(lambda theta: law.logpdf(theta).reshape(-1, 1), parameters)
+    assert abs(s.log_evidence[0]) < 0.25    # the prior is 1 over the unit cube
+    assert_allclose(s.weight @ s.theta, [0.3, 0.6, 0.5], atol=0.004)
+
+
+def test_a_climb_finds_mode_and_covariance_of_a_gaussian():
+    C = np.array([[0.04, 0.03, 0.0], [0.03, 0.05, 0.001], [0.0, 0.001, 1e-4]])
+    law = multivariate_normal([0.5, -1.0, 2.0], C)
+    mode, cov = evidence.climb(law.logpdf, np.array([-2.0, 2.0, 0.0]))
+    assert_allclose(mode, law.mean, atol=1e-6)
+    assert_allclose(cov, C, rtol=1e-6, atol=1e-8)
+
+
+def stepped(n=300):
+    """White noise that doubles at sample 120, on a bias; scene and hypothesis with all
+    but the onset known.
+    """
+    noise = np.random.default_rng(3).standard_normal(n)
+    scene = Scene(0.7 + noise * np.where(np.arange(n) < 120, 1.0, 2.0), DT, {})
+    h = sensorid.hypothesis("random_walk", sigma_w=0.05, sigma_v=1.0)
+    h = effects.extend(scene, h, sensorlab.CATALOGUE["noise_step"])
+    p = sensorid.Parameter("noise_step.ratio", 2.0, 2.0)
+    return scene, h._replace(parameters=(*h.parameters[:-1], p))
+
+
+def test_onsets_are_drawn_from_their_law():
+    scene, h = stepped()
+    u = (np.arange(4000) + 0.5) / 4000
+    theta, log_ratio = evidence.onset_law(h, scene, ())(
+        sensorid.at_quantiles(h.parameters, u[:, None]))
+    assert abs(np.mean(np.exp(log_ratio)) - 1.0) < 0.01    # prior over law, under it
+    weight = np.exp(log_ratio + (ll := filters._log_likelihoods(h, scene, (), theta))
+                    - ll.max())
+    assert weight.sum()**2 / (weight @ weight) > 2000    # nearly the posterior itself
+
+
+def test_evidence_of_an_unknown_onset_is_the_sum_over_all():
+    scene, h = stepped()
+    every = np.array([[0.05, 1.0, (i + 0.5) * DT, 2.0]
+                      for i in range(1, len(scene.y) - 1)])
+    exact = logsumexp(filters._log_likelihoods(h, scene, (), every)) - np.log(
+        len(every))
+    s = evidence.integrate(
+        lambda theta: filters._log_likelihoods(h, scene, (), theta)[:, None],
+        h.parameters, move=evidence.onset_law(h, scene, ()))
+    assert abs(s.log_evidence[0] - exact) < 0.1
+
+
+@pytest.mark.parametrize("number, effects", [
+    (1194, ["random_telegraph"]), (1, ["random_telegraph"]),
+    (5, ["correlated_noise", "outliers"]), (6, ["outliers", "random_telegraph"])])
+def test_importance_sampling_finds_the_mode(number, effects):
+    """The true parameters cannot be more likely than the likeliest node."""
+    r = generator.record(2026, number, effects, level=3)
+    scene = Scene(r["error"], DT, {})
+    (h,) = [h for h in MODEL if h.name == r["base"]]
+    truth = dict(r["parameters"])
+    for e in effects:
+        h = effects.extend(scene, h, sensorlab.CATALOGUE[e])
+        truth |= {f"{e}.{name}": value for name, value in r["truth"][e].items()}
+    theta = np.array([[truth[p.symbol] for p in h.parameters]])
+    acc = account.account(scene, [h])
+    assert acc.peak > filters._log_likelihoods(h, scene, (), theta)[0]
+    assert acc.samples[0].log_evidence[0] > acc.peak - 25.0    # not one point alone

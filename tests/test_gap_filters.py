@@ -1,0 +1,114 @@
+"""Filters of the gap against dense Gaussians and sums over all histories."""
+
+import itertools
+
+from conftest import DT, dense
+import generator
+import numpy as np
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal, norm
+
+import sensorid
+import sensorlab
+from sensorlab import Scene
+from sensorlab.gap import effects, filters, signatures
+
+
+def test_severity_is_that_of_the_dense_covariance():
+    s = np.sin(0.05 * np.arange(200.0)) + 0.01 * np.arange(200.0)
+    p = dict(tau_m=300.0, sigma_m=0.9, sigma_v=0.4)
+    expected = s @ np.linalg.solve(dense(p.values(), 200), s)
+    # the generator's process starts one step earlier: stationary all the same
+    assert_allclose(generator.information(s, "markov", p), expected, rtol=1e-9)
+
+
+def test_mixture_filter_without_jumps_is_the_dense_gaussian(short):
+    scene, h, theta, C, seen = short
+    expected = multivariate_normal(cov=C[np.ix_(seen, seen)]).logpdf(scene.y[seen])
+    assert_allclose(filters.predict(h, scene, (), theta).log_likelihood,
+                    expected, rtol=1e-10)
+
+
+def test_signatures_in_the_bank_and_in_the_mixture_filter_say_the_same(short):
+    scene, h, theta, C, seen = short
+    t = scene.time
+    columns = np.column_stack([np.cos(0.3 * t), np.sin(0.3 * t)])
+    sinusoid = sensorlab.CATALOGUE["sinusoid"]
+    found = filters.Signature(sinusoid, "", "", 0.3, columns, 2.0)
+    C = (C + 4.0 * columns @ columns.T)[np.ix_(seen, seen)]
+    expected = multivariate_normal(cov=C).logpdf(scene.y[seen])
+    assert_allclose(filters._log_likelihoods(h, scene, (found,), theta), expected,
+                    rtol=1e-9)
+    assert_allclose(filters.predict(h, scene, (found,), theta).log_likelihood,
+                    expected, rtol=1e-9)
+
+
+def test_outliers_in_white_noise_are_an_independent_mixture():
+    h = sensorid.hypothesis("white_noise", sigma_v=0.5, bias_sigma=0.0)
+    scene = Scene(np.random.default_rng(1).standard_normal(300), DT, {})
+    h = effects.extend(scene, h, sensorlab.CATALOGUE["outliers"])
+    rate, sigma = 0.05, 3.0
+    p = filters.predict(h, scene, (), np.array([[0.5, rate, sigma]]))
+    narrow = (1 - rate) * norm.pdf(scene.y, scale=0.5)
+    wide = rate * norm.pdf(scene.y, scale=np.hypot(0.5, sigma))
+    assert_allclose(p.log_score[0, 0], np.log(narrow + wide), rtol=1e-10)
+    assert_allclose(p.odd[0, 0], wide / (narrow + wide), rtol=1e-10)
+    cdf = (1 - rate) * norm.cdf(scene.y, scale=0.5) + rate * norm.cdf(
+        scene.y, scale=np.hypot(0.5, sigma))
+    assert_allclose(norm.cdf(p.z[0, 0]), cdf, rtol=1e-9)
+
+
+def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
+    h = sensorid.hypothesis("white_noise", sigma_v=0.5, bias_sigma=0.0)
+    y = np.random.default_rng(2).standard_normal(10)
+    scene = Scene(y, DT, {})
+    h = effects.extend(scene, h, sensorlab.CATALOGUE["random_telegraph"])
+    dwell, size = 4.0, 1.5
+    change = 0.5 * (1.0 - np.exp(-2.0 * DT / dwell))
+    total = 0.0
+    for path in itertools.product((0, 1), repeat=10):    # every history of the level
+        path = np.array(path)
+        flips = np.count_nonzero(np.diff(path))
+        total += (0.5 * change**flips * (1 - change)**(9 - flips)
+                  * norm.pdf(y, (path - 0.5) * size, 0.5).prod())
+    p = filters.predict(h, scene, (), np.array([[0.5, dwell, size]]))
+    assert_allclose(p.log_likelihood[0, 0], np.log(total), rtol=1e-10)
+
+
+def test_telegraph_on_a_walk_is_close_to_the_sum_over_all_histories():
+    h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.3, bias_sigma=0.5)
+    dwell, size, n = 5.0, 2.0, 10
+    change = 0.5 * (1.0 - np.exp(-2.0 * DT / dwell))
+    paths = np.array(list(itertools.product((0, 1), repeat=n)))
+    flips = np.count_nonzero(np.diff(paths, axis=1), axis=1)
+    prior = 0.5 * change**flips * (1 - change)**(n - 1 - flips)
+    t = np.arange(1, n + 1)
+    C = 0.01 * np.minimum.outer(t, t) + 0.09 * np.eye(n) + 0.25
+    law, telegraph = multivariate_normal(cov=C), sensorlab.CATALOGUE["random_telegraph"]
+    rng, errors = np.random.default_rng(4), []
+    for path in paths[rng.choice(len(paths), 60, p=prior)]:
+        y = law.rvs(random_state=rng) + (path - 0.5) * size
+        exact = np.log(prior @ law.pdf(y - (paths - 0.5) * size))
+        scene = Scene(y, DT, {})
+        own = effects.extend(scene, h, telegraph)
+        p = filters.predict(own, scene, (), np.array([[0.1, 0.3, dwell, size]]))
+        errors.append(p.log_likelihood[0, 0] - exact)
+    # one Gaussian a level instead of one a history: half a nat for a change of level
+    changes = n * change
+    assert abs(np.mean(errors)) < 0.5 * changes and np.std(errors) < 1.0
+
+
+def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
+    scene, h, theta, C, seen = short
+    solved = filters.solve(h, scene, (), theta)
+    inverse = np.zeros((200, 200))
+    inverse[np.ix_(seen, seen)] = np.linalg.inv(C[np.ix_(seen, seen)])
+    y = np.where(seen, scene.y, 0.0)
+    assert_allclose(solved.residual[0], inverse @ y, atol=1e-9)
+    found = signatures._scan_steps(solved, scene)
+    for onset in (1, 30, 55, 150, 199):
+        s = (np.arange(200) >= onset).astype(float)
+        J = s @ inverse @ s
+        assert_allclose(found.gain[0, onset - 1], (s @ inverse @ y)**2 / J, rtol=1e-7)
+        assert_allclose(found.size[0, onset - 1], s @ inverse @ y / J, rtol=1e-7)
+        assert_allclose(found.sd[0, onset - 1], J**-0.5, rtol=1e-7)

@@ -1,0 +1,85 @@
+"""Real recordings, which are not part of the project."""
+
+import numpy as np
+import pytest
+
+import sensorid
+import sensorlab
+from sensorlab.gap import report
+
+
+def test_a_turn_on_transient_and_its_temperature(real):
+    with np.load(real / "mpu6050_static10min_temp.npz") as z:
+        n = z["temp_degC"].size // 50 * 50    # 0.5 s means: the stamps jitter
+        y = z["accel_counts"][1, :n].reshape(-1, 50).mean(1) / 4.096    # mg
+        T = z["temp_degC"][:n].reshape(-1, 50).mean(1)
+    hypotheses = sensorid.default_hypotheses(y, 0.5)
+    hidden = sensorlab.diagnose(y, 0.5, hypotheses)
+    assert hidden.verdict == "turn_on_transient"
+    assert 60.0 < hidden.found[0].parameters["tau"][0] < 250.0
+    shown = sensorlab.diagnose(y, 0.5, hypotheses, dict(temperature=T))
+    best = {c.effect for c in shown.causes if c.probability > 0.05}
+    # the record cooled once: time and temperature cannot be told apart
+    assert best & {"temperature", "thermal_lag"} and "turn_on_transient" in best
+    mean, sd = next(c.parameters["coefficient"] for c in shown.causes
+                    if c.effect == "temperature")
+    assert abs(mean - 3.6) < 2.0 * sd    # mg/degC by regression of 10 s means
+
+
+def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
+    with np.load(real / "adis16405_run1.npz") as z:
+        y = z["accel_counts"][0][:10000] * float(z["accel_lsb"]) * 1e3    # mg
+    d = sensorlab.diagnose(y, 0.01, sensorid.default_hypotheses(y, 0.01))
+    lines = [c.parameters["frequency"][0] for c in d.found if c.effect == "sinusoid"]
+    assert any(0.45 < f < 0.6 for f in lines), [c.effect for c in d.found]
+
+
+def test_runs_of_one_sensor_differ_by_a_drift_or_not_at_all(real):
+    runs = {}
+    for k in (1, 2, 3):    # gyro x, 2 s means
+        with np.load(real / f"adis16405_run{k}.npz") as z:
+            runs[k] = z["gyro_counts"][0].reshape(-1, 200).mean(1) * float(
+                z["gyro_lsb"])
+    simulator = sensorlab.simulator_from(runs[1][None], 2.0)
+    warm = sensorlab.diagnose(runs[2], 2.0, simulator)
+    slow = {c.effect: c.probability for c in warm.causes}
+    assert slow["rate_ramp"] + slow["turn_on_transient"] > 0.8
+    assert sensorlab.diagnose(runs[3], 2.0, simulator).verdict == "none"
+    # ten minutes do not show what the whole run does
+    assert sensorlab.diagnose(runs[1][:300], 2.0, sensorid.default_hypotheses(
+        runs[1][:300], 2.0)).verdict == "none"
+
+
+def test_two_clusters_of_temperature_are_no_proof_of_it(real):
+    with np.load(real / "bmi270_hot_cold.npz") as z:
+        parts = [slice(0, 1000), slice(0, 1000)]
+        y = np.concatenate([z[f"{k}_gyro"][1, part].astype(float) for k, part in zip(
+            ("hot", "cold"), parts)])
+        T = np.concatenate([z[f"{k}_temp"][part].astype(float) for k, part in zip(
+            ("hot", "cold"), parts)])
+    low, high = report._clusters(T)
+    assert low[1] < 14.0 and high[0] > 47.0
+    d = sensorlab.diagnose(y, 0.02, sensorid.default_hypotheses(y, 0.02),
+                          dict(temperature=T))
+    assert any("temperature" in c.effect or "thermal_lag" in c.effect or
+               "bias_step" in c.effect for c in d.causes[:4])
+    text = report._table(d, sensorlab.Record("r", "gyro", y, 0.02, dict(
+        temperature=T)), "deg/s")
+    if any(s.column for s in d.final.signatures):
+        assert "never between" in text
+
+
+def test_published_noise_14_times_too_large_is_a_wrong_parameter(real):
+    with np.load(real / "imu_utils_allan_curves.npz") as z:
+        density = np.interp(1.0, z["BMI160_gyr_t"], z["BMI160_gyr_x"])
+        density *= np.pi / 180 / 3600    # rad/s per root Hz, read at 1 s
+        text = str(z["BMI160_yaml"]).split("x-axis")[1]
+    published = float(text.split("gyr_n:")[1].split()[0])
+    rate = 196.0
+    y = np.random.default_rng(0).standard_normal(4000) * density * rate**0.5
+    simulator = [sensorid.hypothesis("white_noise", sigma_v=published * rate**0.5)]
+    d = sensorlab.diagnose(y, 1.0 / rate, simulator)
+    assert d.verdict == "wrong_parameter"
+    factor, sd = d.found[0].parameters["factor"]
+    assert factor == pytest.approx(density / published, rel=0.1)
+    assert "root of the rate" in report._looks_like(factor, 0.1 * factor, 1.0 / rate)
