@@ -86,6 +86,22 @@ JIT = dict(cache=CACHE, error_model="numpy", fastmath={"contract"})
 LOG_2PI = np.log(2.0 * np.pi)
 
 
+def brief(self):
+    """repr of a result: arrays of more than a few numbers by their shapes."""
+    def shown(value):
+        if isinstance(value, np.ndarray) and value.size > 6:
+            return f"array{value.shape}"
+        if isinstance(value, (tuple, list)) and len(value) > 6:
+            return f"{len(value)} {type(value).__name__} items"
+        if isinstance(value, dict):
+            return "{" + ", ".join(f"{k!r}: {shown(v)}" for k, v in value.items()) + "}"
+        if type(value) in (tuple, list):
+            return "(" + ", ".join(map(shown, value)) + ")"
+        return getattr(value, "name", None) or repr(value)
+    return f"{type(self).__name__}(" + ", ".join(
+        f"{name}={shown(value)}" for name, value in zip(self._fields, self)) + ")"
+
+
 # ---- 1. Models -------------------------- paper Secs. 2 and 4, Eqs. (1)-(2), (21)-(23)
 
 class ShapingFilter(NamedTuple):
@@ -99,6 +115,8 @@ class ShapingFilter(NamedTuple):
     Psi: np.ndarray      # (1 or N,)
     m0: np.ndarray       # (n,) prior expectation of x_0
     P0: np.ndarray       # (n, n) prior covariance of x_0
+
+    __repr__ = brief
 
 
 def shaping_filter(Phi, Gamma, H, Psi=0.0, m0=None, P0=None):
@@ -248,6 +266,11 @@ class Hypothesis(NamedTuple):
     parameters: tuple
     bias_sigma: float
 
+    def filter(self, dt, theta):
+        """Shaping filter at one value of the parameters."""
+        return self.model(dt, **{p.symbol: value
+                                 for p, value in zip(self.parameters, theta)})
+
 
 def hypothesis(model, name=None, bias_sigma=1.0, prior="uniform", **parameters):
     """Hypothesis h_k of Eqs. (1)-(2): a shaping filter, a bias and priors.
@@ -302,20 +325,20 @@ def hypothesis(model, name=None, bias_sigma=1.0, prior="uniform", **parameters):
             + [f"{s} is none of them" for s in strange]))
     if prior not in ("uniform", "log"):
         raise ValueError(f"prior {prior!r} of {name} is neither 'uniform' nor 'log'")
-    if not 0.0 <= _number(bias_sigma, f"bias_sigma of {name}") < np.inf:
+    if not 0.0 <= as_number(bias_sigma, f"bias_sigma of {name}") < np.inf:
         raise ValueError(f"bias_sigma = {bias_sigma} of {name} "
                          "is not a finite number >= 0")
-    priors = tuple(_parameter(name, s, parameters[s], prior)
+    priors = tuple(as_parameter(name, s, parameters[s], prior)
                    for s in known if s in parameters)
     h = Hypothesis(name, model, priors, float(bias_sigma))
-    at_most = _filter_at(h, 1.0, [p.high for p in priors])
+    at_most = h.filter(1.0, [p.high for p in priors])
     if not (at_most.Gamma.any() or at_most.Psi.any() or at_most.P0.any()):
         raise ValueError(f"all noises of {name} are zero: "
                          "give at least one sigma_* > 0")
     return h
 
 
-def _number(value, what):
+def as_number(value, what):
     """`value` as a float, or a sentence on what it should be."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ValueError(f"{what} is {value!r}: a number is needed")
@@ -325,15 +348,15 @@ def _number(value, what):
         raise ValueError(f"{what} is too large a number") from None
 
 
-def _parameter(name, symbol, value, prior):
+def as_parameter(name, symbol, value, prior):
     """Prior of one parameter from a number or a range."""
     what = f"{symbol} of {name}"
     if isinstance(value, Parameter):
         prior, value = "log" if value.log else "uniform", value[1:3]
     if np.ndim(value) == 0:
-        low = high = _number(value, what)
+        low = high = as_number(value, what)
     elif np.shape(value) == (2,):
-        low, high = (_number(v, what) for v in value)
+        low, high = (as_number(v, what) for v in value)
     else:
         raise ValueError(f"{what} is {value!r}: give a number or a range [low, high]")
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -408,6 +431,8 @@ class Trials(NamedTuple):
     theta: np.ndarray         # (L, largest number of parameters), NaN where there
                               # is none
 
+    __repr__ = brief
+
 
 def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
     """Records drawn from the prior: hypothesis, parameters, bias, x_0 and noises.
@@ -446,7 +471,7 @@ def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
         for column, p in enumerate(h.parameters):
             theta[row, column] = p.quantile(rng.random())
         bias = h.bias_sigma * rng.standard_normal()
-        filt = _filter_at(h, dt, theta[row])
+        filt = h.filter(dt, theta[row])
         n, noises = filt.Gamma.shape[1:]
         variance, axes = np.linalg.eigh(filt.P0)
         x0 = filt.m0 + axes @ (np.sqrt(np.maximum(variance, 0.0))
@@ -457,11 +482,6 @@ def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
     with ThreadPoolExecutor(os.cpu_count()) as pool:    # NumPy draws without the lock
         list(pool.map(draw, range(trials)))
     return Trials(error, number, theta)
-
-
-def _filter_at(h, dt, theta):
-    """Shaping filter of a hypothesis at one value of its parameters."""
-    return h.model(dt, **{p.symbol: value for p, value in zip(h.parameters, theta)})
 
 
 @njit(nogil=True, **JIT)
@@ -515,6 +535,8 @@ class Grid(NamedTuple):
     limits: np.ndarray        # (M, 1 + E, 3) low and high end of ln scale, blur
     power: float              # prior of ln scale: scale**power
 
+    __repr__ = brief
+
 
 def _scale_parameter(h, dt):
     """Column of the parameter that serves as the scale, or None where none can.
@@ -528,7 +550,7 @@ def _scale_parameter(h, dt):
     once = np.array([p.mean for p in h.parameters])
     twice = once.copy()
     twice[sigma] *= 2.0
-    one, two = _filter_at(h, dt, once), _filter_at(h, dt, twice)
+    one, two = h.filter(dt, once), h.filter(dt, twice)
     factors = dict(Phi=1.0, H=1.0, Gamma=2.0, Psi=2.0, P0=4.0, m0=2.0)
     linear = all(np.allclose(getattr(two, m), factor * getattr(one, m),
                              rtol=1e-12, atol=0.0)
@@ -556,6 +578,8 @@ class Box(NamedTuple):
     low: np.ndarray
     high: np.ndarray
     slope: np.ndarray
+
+    __repr__ = brief
 
 
 def _axes(h, dt):
@@ -695,6 +719,8 @@ class Sums(NamedTuple):
     score: np.ndarray          # (C, M)
     information: np.ndarray    # (M,)
     log_det: np.ndarray        # (M,)
+
+    __repr__ = brief
 
 
 @njit(**JIT)
@@ -1001,10 +1027,12 @@ class Bank(NamedTuple):
     m0: np.ndarray     # (M, n)
     P0: np.ndarray     # (M, n, n)
 
+    __repr__ = brief
+
 
 def bank(h, dt, theta):
     """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
-    filters = [_filter_at(h, dt, row) for row in theta]
+    filters = [h.filter(dt, row) for row in theta]
     Phi, Gamma, H, Psi, m0, P0 = (np.stack(part) for part in zip(*filters))
     return Bank(Phi, Gamma @ np.swapaxes(Gamma, -1, -2), H, Psi**2, m0, P0)
 
@@ -1015,12 +1043,35 @@ def _is_scalar(b):
     return b.Phi.shape[2] == 1 and timeless and np.all(b.H == 1.0) and not b.m0.any()
 
 
-def is_modal(b):
-    """Are all filters sums of independent one-state processes in white noise?"""
+class Modes(NamedTuple):
+    """Sums of n independent one-state processes in white noise, at M nodes."""
+
+    a: np.ndarray     # (M, n) transition factors
+    q: np.ndarray     # (M, n) variances of the process noises
+    p0: np.ndarray    # (M, n) initial variances
+    r: np.ndarray     # (M, 1 or N) variance of the white noise
+
+    __repr__ = brief
+
+
+def modes(b):
+    """The filters of a bank as `Modes`, or None where they are no such sums."""
     off = ~np.eye(b.Phi.shape[2], dtype=bool)
     timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1
-    return bool(timeless and np.all(b.H == 1.0) and not b.m0.any() and not (
-        b.Phi[..., off].any() or b.Q[..., off].any() or b.P0[..., off].any()))
+    if not timeless or np.any(b.H != 1.0) or b.m0.any() or (
+            b.Phi[..., off].any() or b.Q[..., off].any() or b.P0[..., off].any()):
+        return None
+    return Modes(*(np.diagonal(m, 0, 1, 2) for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)),
+                 b.r)
+
+
+@njit(**JIT)
+def spectrum(a, q, turn):
+    """Spectrum of a sum of one-state processes at turn = |1 - exp(-i w)|^2."""
+    S = 0.0
+    for s in range(len(a)):
+        S += q[s] / ((1.0 - a[s])**2 + a[s] * turn)
+    return S
 
 
 def filter_bank(b, y, stops):
@@ -1068,7 +1119,7 @@ def _sums(b, y, observed, stops):
         for begin, end in zip([0, *stops[:-1]], stops)]
     run = (_sums_record if _is_scalar(b) and len(y) == 1
            else _sums_trials if _is_scalar(b)
-           else _sums_modal if is_modal(b) else _sums_general)
+           else _sums_modal if modes(b) else _sums_general)
     for end, sums in zip(stops, run(b, y, observed, stretches)):
         yield Sums(int(observed[:end].sum()), *sums)
 
@@ -1097,8 +1148,8 @@ def _abreast(part):
 def _sums_modal(b, y, observed, stretches):
     (nodes, n), records = b.m0.shape, len(y)
     y = np.vstack([y, np.ones(y.shape[1])])
-    a, q = (_abreast(np.diagonal(m[:, 0], 0, 1, 2)) for m in (b.Phi, b.Q))
-    r, P = _abreast(b.r), _abreast(b.P0)
+    own = modes(b)
+    a, q, r, P = (_abreast(part) for part in (own.a, own.q, own.r, b.P0))
     x = np.zeros((len(a), records + 1, n, GROUP))
     sums = np.zeros((len(a), records + 1, 2, GROUP))
     for begin, end, _ in stretches:
@@ -1390,6 +1441,8 @@ class Estimate(NamedTuple):
     settled: bool                # a finer grid said the same
     updates: int                 # filter steps that it took, all grids together
 
+    __repr__ = brief
+
 
 class Posterior(NamedTuple):
     """Answer of `identify`."""
@@ -1398,6 +1451,24 @@ class Posterior(NamedTuple):
     samples: int
     probability: np.ndarray    # (K,) Eq. (10), equal prior probabilities
     estimates: tuple           # K of Estimate
+
+    __repr__ = brief
+
+
+def tempered(log_prior, log_mass, enough):
+    """The largest power beta <= 1 of a mass that spreads over `enough` equal weights,
+    and the weights prior mass^beta, which sum to 1.
+    """
+    def weights(beta):
+        w = log_prior + beta * (log_mass - log_mass.max())
+        w = np.exp(w - w.max())
+        return w / w.sum()
+    low, beta = (0.0, 1.0) if np.sum(weights(1.0)**2) * enough > 1.0 else (1.0, 1.0)
+    for _ in range(50 if low < beta else 0):
+        middle = 0.5 * (low + beta)
+        low, beta = ((middle, beta) if np.sum(weights(middle)**2) * enough < 1.0
+                     else (low, middle))
+    return low, weights(low)
 
 
 class _View(NamedTuple):
@@ -1409,7 +1480,7 @@ class _View(NamedTuple):
                        # does not have
 
 
-def _look(g, mass, box):
+def _view(g, mass, box):
     """Where the posterior is, from its masses on a grid over `box`.
 
     A coarse grid sees nothing but its best node. The posterior is therefore raised to
@@ -1419,17 +1490,8 @@ def _look(g, mass, box):
     """
     z, d = g.coordinate, g.coordinate.shape[1]
     mass = mass - mass.max()
-
-    def spread(beta):    # effective number of nodes; (2 sqrt(pi))**d at one node per sd
-        w = np.exp(beta * mass)
-        return w.sum()**2 / (w @ w)
-
-    enough, low, beta = 3.5**d, 0.0, 1.0
-    if spread(1.0) < enough:
-        for _ in range(50):
-            middle = 0.5 * (low + beta)
-            low, beta = (middle, beta) if spread(middle) > enough else (low, middle)
-    w = np.exp(beta * mass)
+    # one node per standard deviation spreads over (2 sqrt(pi))**d of them
+    beta, w = tempered(0.0, mass, 3.5**d)
     cov = np.atleast_2d(np.cov(z.T, aweights=w, ddof=0))
     slope = np.zeros((d, d))
     for axis in range(1, d):
@@ -1486,7 +1548,7 @@ def resolve(h, dt, y, max_nodes=60000):
         nodes_per_sd = np.minimum(_nodes_per_sd(g, cov), _edge_nodes(g, mean, cov))
         if settled:
             break
-        view = _look(g, mass, box)
+        view = _view(g, mass, box)
         shrunk = np.prod((view.box.high - view.box.low) / (box.high - box.low))
         if (nodes_per_sd >= NODES_PER_SD).all() and not view.tempered and not view.cut:
             # the average may hide a corner: believed when a finer grid says the same
@@ -1555,7 +1617,7 @@ def identify(y, dt, hypotheses, progress=None):
     'random_walk'
     """
     y = np.asarray(y, float)
-    _check_record(y, dt)
+    check_record(y, dt)
     estimates = []
     for h in hypotheses:
         estimates.append(resolve(h, dt, y))
@@ -1568,7 +1630,7 @@ def identify(y, dt, hypotheses, progress=None):
 MIN_SAMPLES = 16    # fewer say nothing of any correlated process
 
 
-def _check_record(y, dt):
+def check_record(y, dt):
     """Refuse what no model can be identified from."""
     if not (np.ndim(dt) == 0 and np.isfinite(dt) and dt > 0):
         raise ValueError(f"the sampling interval is {dt} s: it must be a number > 0")
@@ -1607,7 +1669,7 @@ def matrices(estimate, dt):
     """Phi, Gamma, H, Psi at the estimated parameters, the bias as the last state,
     Eq. (21).
     """
-    filt = _filter_at(estimate.hypothesis, dt, estimate.mean)
+    filt = estimate.hypothesis.filter(dt, estimate.mean)
     n, noises = filt.Gamma.shape[1:]
     Phi = np.eye(n + 1)
     Phi[:n, :n] = filt.Phi[0]
@@ -1676,6 +1738,8 @@ class Curve(NamedTuple):
     calculated_se: np.ndarray    # (T,)
     z: np.ndarray                # (T,) their difference over its standard error, paired
 
+    __repr__ = brief
+
 
 class Criteria(NamedTuple):
     """Performance criteria of Sec. 3."""
@@ -1690,6 +1754,8 @@ class Criteria(NamedTuple):
                                  # at the end
     rivals: dict                 # name of another algorithm -> Rival
 
+    __repr__ = brief
+
 
 class Rival(NamedTuple):
     """Another algorithm on the same trials, with Monte-Carlo standard errors (se)."""
@@ -1702,6 +1768,8 @@ class Rival(NamedTuple):
     rsd_se: tuple
     efficiency: tuple                # (T,) for each label: the Bayesian variance over
     efficiency_se: tuple             # that of the rival, paired
+
+    __repr__ = brief
 
 
 def criteria_times(samples):
@@ -1741,6 +1809,8 @@ class _Chunk(NamedTuple):
     truth: np.ndarray           # (L, P), NaN for the parameters of other hypotheses
     choice: np.ndarray          # (L, T, A) of the other algorithms
     guess: np.ndarray           # (L, T, A, P)
+
+    __repr__ = brief
 
 
 def _run_chunk(truths, grids, algorithms, dt, stops, seed, first, last):
@@ -1787,7 +1857,7 @@ def _kept_chunk(folder, *arguments):
         except Exception:    # damaged, in whatever way: worth no more than nothing
             pass
     chunk = _run_chunk(*arguments)
-    _write(file, lambda stream: np.savez(stream, **chunk._asdict()))
+    write_whole(file, lambda stream: np.savez(stream, **chunk._asdict()))
     return chunk
 
 
@@ -1800,7 +1870,7 @@ def _describe(part):
                 else part).encode()
 
 
-def _write(file, put):
+def write_whole(file, put):
     """Write a file whole or not at all."""
     file = pathlib.Path(os.path.realpath(file))
     if file.exists() and not file.is_file():    # a pipe or a device
@@ -1868,7 +1938,7 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     0.0
     """
     algorithms = algorithms or {}
-    samples = _check_trials(hypotheses, dt, duration, trials)
+    samples = check_trials(hypotheses, dt, duration, trials)
     if times is not None:
         stops = np.unique(np.round(np.asarray(times) / dt).astype(int))
     elif algorithms:
@@ -1894,7 +1964,7 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     return _criteria(hypotheses, grids, reached, dt * stops, algorithms, chunk)
 
 
-def _check_trials(hypotheses, dt, duration, trials):
+def check_trials(hypotheses, dt, duration, trials):
     """Number of samples of a trial, if all numbers make sense."""
     if not (np.isfinite(dt) and dt > 0 and np.isfinite(duration) and duration >= dt):
         raise ValueError(f"dt = {dt:g} s, duration = {duration:g} s: "
@@ -2045,8 +2115,8 @@ def record_length(hypotheses, dt, limit, error=None, rsd=None, trials=4000, seed
     the trials, made monotone, are interpolated; intervals come from 200 resamples of
     the trials. Short records are tried first.
     """
-    targets = _targets(hypotheses, error, rsd or {})
-    samples = _check_trials(hypotheses, dt, limit, trials)
+    targets = check_targets(hypotheses, error, rsd or {})
+    samples = check_trials(hypotheses, dt, limit, trials)
     for stage in (64, 8, 1):
         if samples // stage < 256 and stage > 1:
             continue
@@ -2065,7 +2135,7 @@ def record_length(hypotheses, dt, limit, error=None, rsd=None, trials=4000, seed
     return result
 
 
-def _targets(hypotheses, error, rsd):
+def check_targets(hypotheses, error, rsd):
     """(label, target, column) of every target; column None is the error."""
     if error is None and not rsd:
         raise ValueError("no target is given: a target of the error probability "
@@ -2316,7 +2386,7 @@ def allan_misfit(y, dt, estimate):
     (edf of NIST SP 1065, Table 5), a lower bound for slower noises: a hint, not a test.
     """
     seen = 1.0 - np.isnan(y).mean()
-    filt = _filter_at(estimate.hypothesis, dt, estimate.mean)
+    filt = estimate.hypothesis.filter(dt, estimate.mean)
     tau, adev = allan_deviation(y, dt)
     if not len(tau):
         return Misfit(None, None, None, "too many samples are missing for an Allan "

@@ -18,6 +18,7 @@ import figures
 import sensorid
 import sensorlab
 from sensorlab.gap import signatures
+from sensorlab.gap.effects import Simulator, members
 from figures import save, withheld
 from tests import generator
 
@@ -87,14 +88,14 @@ def bound(record, level, hypotheses):
     scene = sensorlab.Scene(record["error"], generator.DT,
                            dict(temperature=record["temperature"], rate=record["rate"]))
     D = generator.LEVELS[level]
-    x = np.sqrt(2.0 * D) * signatures._ROOT
+    x = np.sqrt(2.0 * D) * signatures.GAIN_ROOT
     table = {1: x + np.log1p(np.exp(-2.0 * x)) - np.log(2.0) - D,
              2: np.log(ive(0, x)) + x - D}
     effects = [sensorlab.CATALOGUE[e] for e in generator.ADDITIVE]
-    tries = signatures.searches(scene, effects)
+    tries = signatures.families(scene, effects)
     evidence = np.array([
-        signatures.signature_evidence(h, scene, (), tries, table_of=table).log_evidence
-        for h in hypotheses])
+        signatures.family_evidence(h, scene, (), tries, table=table).log_evidence
+        for h in members(Simulator(hypotheses), scene)])
     total = np.logaddexp.reduce(evidence, axis=0)
     return ["none", *(t.effect.name for t in tries)][int(np.argmax(total))]
 
@@ -187,15 +188,17 @@ def compute():
             if key not in kept:
                 record = made(number, effects, level)
                 columns = {k: record[k] for k in ("temperature", "rate")}
-                d = sensorlab.diagnose(record["error"], generator.DT, model.hypotheses,
+                d = sensorlab.diagnose(record["error"], generator.DT, model.simulator,
                                       columns)
                 named = sensorlab.Record("", "error", record["error"], generator.DT)
                 extra = dict(correlation=by_correlation(record),
                              slopes=by_slopes(record),
                              features=features(record).tolist())
                 if len(effects) == 1 and effects[0] in generator.ADDITIVE:
-                    extra["bound"] = bound(record, level, model.hypotheses)
-                    extra["nats"] = profiled(record, model.hypotheses)
+                    extra["bound"] = bound(record, level,
+                                           model.simulator.hypotheses)
+                    extra["nats"] = profiled(record,
+                                              model.simulator.hypotheses)
                 kept[key] = dict(number=number, effects=key[1], level=level,
                                  truth=record["truth"],
                                  report=sensorlab.report(d, named), **extra)

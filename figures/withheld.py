@@ -47,7 +47,7 @@ def compute():
         if kept.get("source") != source:
             record = sensorlab.read_record(DATA / "records.npz", f"error[{number}]",
                                           beside=None)
-            d = sensorlab.diagnose(record.error, record.dt, model.hypotheses,
+            d = sensorlab.diagnose(record.error, record.dt, model.simulator,
                                   record.columns)
             kept = {**sensorlab.report(d, record), "source": source}
             kept["record"]["file"] = "data/withheld/records.npz"

@@ -18,9 +18,10 @@ _HOME = dict(
     Record="records", read_record="records",
     Model="modelfiles", read_model="modelfiles", model_text="modelfiles",
     simulator_from="modelfiles",
-    CATALOGUE="gap.effects", Added="gap.effects", Effect="gap.effects",
-    Scene="gap.effects", simulate_effects="gap.effects",
-    Diagnosis="gap.diagnosis", diagnose="gap.diagnosis", report="gap.report")
+    CATALOGUE="gap.catalogue", Effect="gap.effects", Found="gap.effects",
+    Scene="gap.effects", Simulator="gap.effects", simulate_effects="gap.effects",
+    diagnose="gap.diagnosis", augmented="gap.diagnosis",
+    report="gap.report", table="gap.report")
 __all__ = list(_HOME)
 
 

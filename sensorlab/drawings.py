@@ -6,14 +6,15 @@ import numpy as np
 from scipy.special import ndtr
 
 from sensorid import (
-    GAMMA, MIN_SAMPLES, _filter_at, _write, allan_deviation, allan_variance, identify,
-    model_allan_variance)
-from sensorlab.gap.effects import simulate_effects
+    GAMMA, MIN_SAMPLES, allan_deviation, allan_variance, identify, model_allan_variance,
+    write_whole)
 from sensorlab.gap.account import as_simulated
-from sensorlab.gap.report import _added_names, _outstanding
+from sensorlab.gap.effects import simulate_effects
+from sensorlab.gap.report import added_names, outstanding
 
 
-def _matplotlib():
+def matplotlib_for_files():
+    """matplotlib.pyplot, or a sentence on what to install."""
     try:
         import matplotlib
     except ImportError:
@@ -23,13 +24,14 @@ def _matplotlib():
     return plt
 
 
-def _save(fig, file):
+def save(fig, file):
+    """Write a picture whole or not at all."""
     fig.set_layout_engine("tight")
     kind = pathlib.Path(file).suffix[1:].lower()
-    _write(file, lambda stream: fig.savefig(stream, format=kind, dpi=150))
+    write_whole(file, lambda stream: fig.savefig(stream, format=kind, dpi=150))
 
 
-def _draw_identify(plt, record, posterior, unit):
+def draw_identify(plt, record, posterior, unit):
     """Allan deviations of the record and of every hypothesis;
     probability against length.
     """
@@ -44,7 +46,7 @@ def _draw_identify(plt, record, posterior, unit):
     hypotheses = [e.hypothesis for e in posterior.estimates]
     history = np.array([identify(y[:n], dt, hypotheses).probability for n in lengths])
     for k, e in enumerate(posterior.estimates):
-        filt = _filter_at(e.hypothesis, dt, e.mean)
+        filt = e.hypothesis.filter(dt, e.mean)
         left.loglog(m * dt, np.sqrt(model_allan_variance(filt, m)),
                     color=f"C{k}",
                     label=f"{e.hypothesis.name}, {posterior.probability[k]:.3f}")
@@ -61,7 +63,8 @@ def _draw_identify(plt, record, posterior, unit):
     return fig
 
 
-def _draw_criteria(plt, result):
+def draw_criteria(plt, result):
+    """Error probability and RSD against time."""
     fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2))
     for ax, curves in ((left, [("error probability", result.error_probability)]),
                        (right, list(zip(result.labels, result.rsd)))):
@@ -92,7 +95,7 @@ def _draw_criteria(plt, result):
     return fig
 
 
-def _draw_design(plt, rows, limit, unit):
+def draw_design(plt, rows, limit, unit):
     """Needed duration against one condition, a line for each value of the other."""
     labels = list(dict.fromkeys((r["label"], r["target"]) for r in rows))
     several = len({r["sigma_v"] for r in rows}) > 1
@@ -121,7 +124,7 @@ def _draw_design(plt, rows, limit, unit):
     return fig
 
 
-def _draw_diagnosis(plt, d, record, unit):
+def draw_diagnosis(plt, d, record, unit):
     """Log-score gain over time; Allan deviation in the simulated bands before and
     after; residuals against what the cause is about.
     """
@@ -131,16 +134,16 @@ def _draw_diagnosis(plt, d, record, unit):
     left, middle, right = axes
     gain = np.nan_to_num(d.after.log_score - d.before.log_score)
     left.plot(scene.time, np.cumsum(gain), "k-")
-    left.set(xlabel="time, s", title=f"gain of the simulator with {_added_names(d)}",
+    left.set(xlabel="time, s", title=f"gain of the simulator with {added_names(d)}",
              ylabel="log score, one step ahead, sum, nats")
 
     tau, adev = allan_deviation(scene.y, scene.dt)
     m = np.round(tau / scene.dt).astype(int)
     for acc, gap, colour, label in (
             (d.base, d.before, "tab:red", "simulator as it was"),
-            (d.final, d.after, "tab:blue", f"with {_added_names(d)}")):
-        h, added = as_simulated(acc, scene, gap.theta)
-        drawn = simulate_effects([h], [added], scene, 60, 1).error
+            (d.final, d.after, "tab:blue", f"with {added_names(d)}")):
+        drawn = simulate_effects(as_simulated(acc, scene, gap.theta), scene, 60, 1
+                                 ).error
         curves = np.sqrt([allan_variance(drawn, scene.dt, k) for k in m])
         middle.fill_between(tau, *np.nanquantile(curves, [0.05, 0.95], axis=1),
                             color=colour, alpha=0.3, linewidth=0,
@@ -150,7 +153,7 @@ def _draw_diagnosis(plt, d, record, unit):
                xscale="log", yscale="log")
     middle.legend(frameon=False)
 
-    i = _outstanding(d.before)[0]
+    i = outstanding(d.before)[0]
     place, column = d.before.statistics.place[i], d.before.statistics.column[i]
     for z, colour, label in ((d.before.z, "tab:red", "before"),
                              (d.after.z, "tab:blue", "after")):

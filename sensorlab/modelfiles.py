@@ -1,5 +1,6 @@
 """Simulators as files hold them, or as their records show them."""
 
+import inspect
 import json
 import pathlib
 from typing import NamedTuple
@@ -7,17 +8,17 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import (
-    Parameter, _number, _parameter, default_hypotheses, hypothesis, identify)
-from sensorlab.gap.effects import CATALOGUE, Added, Scene
+    Parameter, as_number, as_parameter, default_hypotheses, hypothesis, identify)
+from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.effects import Found, Scene, Simulator
 
 
 class Model(NamedTuple):
-    """A model file: the simulator, or the hypotheses and their priors."""
+    """A model file: a simulator, or hypotheses and their priors."""
 
-    dt: float
+    dt: float    # s
     unit: str
-    hypotheses: tuple
-    effects: tuple = ()    # of every hypothesis, tuples of Added; () if none has any
+    simulator: Simulator
 
 
 def read_model(file):
@@ -46,7 +47,7 @@ def read_model(file):
             raise ValueError("no hypotheses: a model file needs a list of at least one")
         if not isinstance(text["hypotheses"], list):
             raise ValueError("hypotheses must be a list")
-        dt = _number(text.get("dt"), "dt")
+        dt = as_number(text.get("dt"), "dt")
         if not (np.isfinite(dt) and dt > 0.0):
             raise ValueError(f"dt is {dt:g} s: it must be > 0")
         if not isinstance(text.get("unit", "u"), str):
@@ -62,51 +63,66 @@ def read_model(file):
                         for entry in text["hypotheses"])
     except ValueError as problem:
         raise ValueError(f"{file}: {problem}") from None
-    return Model(dt, str(text.get("unit", "u")), hypotheses,
-                 effects if any(effects) else ())
+    return Model(dt, str(text.get("unit", "u")),
+                 Simulator(hypotheses, effects if any(effects) else ()))
+
+
+# shapes of what readings take; None is any number
+READINGS = dict(lsb=(), limits=(2,), spans=(None, 2))
 
 
 def _effect_from(entry, owner):
-    """One effect of a hypothesis of a model file."""
+    """One effect of a hypothesis of a model file, as `Found`."""
     if not isinstance(entry, dict) or entry.get("name") not in CATALOGUE:
         raise ValueError(f"effect {entry!r} of {owner}: a name is needed, "
                          f"one of {', '.join(CATALOGUE)}")
-    name, parameters = entry["name"], entry.get("parameters")
+    name, values = entry["name"], entry.get("parameters")
     effect = CATALOGUE[name]
-    if effect.kind == "parameter":
+    if effect.factor:
         raise ValueError(f"{name} is no effect to be added: change the parameter")
-    if not isinstance(parameters, dict):
+    if not isinstance(values, dict):
         raise ValueError(f"parameters of {name} must be an object")
     column, variant = entry.get("column") or "", entry.get("variant") or ""
     if effect.column and not column:
         raise ValueError(f"{name} of {owner} names no column")
-    scene = Scene(np.arange(8.0), 1.0, {column: np.arange(8.0)})
-    needed = {p.symbol for p in effect.parameters(scene)} | {
-        "quantization": {"lsb"}, "saturation": {"limits"}, "stuck": {"spans"}}.get(
-            name, {effect.size} - {""})
-    optional = {"phase"} if name == "sinusoid" else set()
-    if not needed <= parameters.keys() <= needed | optional:
+    needed = _symbols(effect, column)
+    optional = {"phase"} if effect.search == "frequency" else set()
+    if not needed <= values.keys() <= needed | optional:
         raise ValueError(f"{name} has the parameters {', '.join(sorted(needed))}, "
-                         f"not {', '.join(sorted(parameters)) or 'none'}")
-    if effect.kind != "reading":
-        parameters = {symbol: _parameter(name, symbol, value, "uniform")
-                      for symbol, value in parameters.items()}
+                         f"not {', '.join(sorted(values)) or 'none'}")
+    if effect.reading:
+        values = {symbol: _reading(name, symbol, value)
+                  for symbol, value in values.items()}
     else:
-        shape = dict(quantization=(), saturation=(2,), stuck=(None, 2))[name]
-        value = next(iter(parameters.values()))
-        try:
-            numbers = np.array([[-np.inf, np.inf][i] if v is None else v
-                                for i, v in enumerate(value)]
-                               if name == "saturation" else value, float)
-        except (TypeError, ValueError):
-            numbers = np.zeros(7)
-        if numbers.ndim != len(shape) or any(
-                n not in (None, have) for n, have in zip(shape, numbers.shape)):
-            raise ValueError(f"{needed.pop()} of {name} is {value!r}: a number for "
-                             "lsb, [low, high] for limits, [[onset, samples], ...] "
-                             "for spans")
-        parameters = {needed.pop(): numbers.tolist()}
-    return Added(effect, column, variant, parameters)
+        values = {symbol: as_parameter(name, symbol, value, "uniform")
+                  for symbol, value in values.items()}
+    return Found(effect, column, variant, values)
+
+
+def _symbols(effect, column):
+    """Names of the parameters that an effect needs."""
+    if effect.reading:
+        return set(inspect.signature(effect.reading).parameters) - {"scene", "y"}
+    scene = Scene(np.arange(8.0), 1.0, {column: np.arange(8.0)})
+    return {p.symbol for p in effect.parameters(scene)} | (
+        {effect.size} if effect.columns else set())
+
+
+def _reading(name, symbol, value):
+    """What a reading takes, as numbers."""
+    try:
+        numbers = np.array([[-np.inf, np.inf][i] if v is None else v
+                            for i, v in enumerate(value)]
+                           if symbol == "limits" else value, float)
+    except (TypeError, ValueError, IndexError):
+        numbers = np.full((0,) * 7, np.nan)    # of no shape that fits
+    shape = READINGS[symbol]
+    if numbers.ndim != len(shape) or any(
+            n not in (None, have) for n, have in zip(shape, numbers.shape)):
+        raise ValueError(f"{symbol} of {name} is {value!r}: a number for "
+                         "lsb, [low, high] for limits, [[onset, samples], ...] "
+                         "for spans")
+    return numbers.tolist()
 
 
 def _hypothesis_from(entry, text):
@@ -132,23 +148,29 @@ def _hypothesis_from(entry, text):
 
 def model_text(model):
     """JSON text of a model file."""
-    def value(p):
-        if isinstance(p, Parameter):
-            return [p.low, p.high] if p.free else p.low
-        return [v if not np.isscalar(v) or np.isfinite(v) else None
-                for v in p] if isinstance(p, list) else p
-    hypotheses = [dict(name=h.model.__name__, label=h.name, bias_sigma=h.bias_sigma,
-                       prior="log" if any(p.log for p in h.parameters) else "uniform",
-                       parameters={p.symbol: value(p) for p in h.parameters})
-                  for h in model.hypotheses]
-    for entry, added in zip(hypotheses, model.effects):
-        entry["effects"] = [
-            dict(name=one.effect.name, column=one.column or None,
-                 variant=one.variant or None,
-                 parameters={k: value(p) for k, p in one.parameters.items()})
-            for one in added]
+    hypotheses = []
+    for h, effects in model.simulator.pairs:
+        entry = dict(name=h.model.__name__, label=h.name, bias_sigma=h.bias_sigma,
+                     prior="log" if any(p.log for p in h.parameters) else "uniform",
+                     parameters={p.symbol: _json_value(p) for p in h.parameters})
+        if model.simulator.effects:
+            entry["effects"] = [
+                dict(name=one.name, column=one.column or None,
+                     variant=one.variant or None, parameters={
+                         symbol: _json_value(v) for symbol, v in one.values.items()})
+                for one in effects]
+        hypotheses.append(entry)
     return json.dumps(dict(dt=model.dt, unit=model.unit, hypotheses=hypotheses),
                       indent=1)
+
+
+def _json_value(value):
+    """A parameter, or what a reading takes, as JSON has it; null is no limit."""
+    if isinstance(value, Parameter):
+        return [value.low, value.high] if value.free else value.low
+    if isinstance(value, list):
+        return [v if not np.isscalar(v) or np.isfinite(v) else None for v in value]
+    return value
 
 
 def simulator_from(records, dt):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import MIN_SAMPLES, _check_record
+from sensorid import MIN_SAMPLES, check_record
 
 
 class Record(NamedTuple):
@@ -98,7 +98,7 @@ def read_record(file, column="error", dt=None, resample=False, allow_missing=Fal
             raise ValueError(f"{file}: dt holds {dt.size} numbers, not one")
         dt = float(dt[0])
     try:
-        _check_record(error, dt)
+        check_record(error, dt)
     except ValueError as problem:
         raise ValueError(f"{file}: {problem}") from None
     if len(columns) and time is not None and len(time) == len(next(
@@ -146,19 +146,19 @@ def _read_arrays(file, name, with_time, others=()):
     needed += [part.partition("[")[0] for part in others or ()]
     kind = file.suffix.lower()
     if kind == ".npy":
-        return {name: _loaded(file, np.load)}
+        return {name: loaded(file, np.load)}
     if kind == ".npz":
-        with _loaded(file, np.load) as archive:
+        with loaded(file, np.load) as archive:
             return {key: archive[key] if others is None or key in needed else None
                     for key in archive.files}
     if kind == ".mat":
         from scipy.io import loadmat
-        return {key: np.squeeze(value) for key, value in _loaded(file, loadmat).items()
+        return {key: np.squeeze(value) for key, value in loaded(file, loadmat).items()
                 if not key.startswith("__")}
     return _read_csv(file, needed, everything=others is None)
 
 
-def _loaded(file, load):
+def loaded(file, load):
     """A NumPy or MATLAB file, or a sentence on what is wrong with it."""
     try:
         return load(file)

@@ -15,9 +15,9 @@ from scipy.optimize import least_squares, minimize
 from scipy.special import gammaincinv, ndtri
 
 from sensorid import (
-    JIT, Parameter, _filter_at, allan_deviation, at_quantiles, bank, filter_bank,
-    free_columns, is_modal, log_likelihood, markov, model_allan_variance, random_walk,
-    simulate, white_noise)
+    JIT, Parameter, allan_deviation, at_quantiles, bank, filter_bank, free_columns,
+    log_likelihood, markov, model_allan_variance, modes, random_walk, simulate,
+    spectrum, white_noise)
 
 
 def allan_line(tau, adev, slope):
@@ -108,7 +108,7 @@ def fit_allan_variance(h, dt, tau, avar, samples):
     sd = (high - low) / (ndtri(0.975) - ndtri(0.025))
 
     def expected(u):
-        return model_allan_variance(_filter_at(h, dt, at_quantiles(h.parameters, u)), m)
+        return model_allan_variance(h.filter(dt, at_quantiles(h.parameters, u)), m)
 
     def residual(u, sd):
         return (avar - expected(u)) / sd
@@ -124,19 +124,24 @@ def akaike(y, dt, hypotheses):
     """Maximum likelihood within the ranges, model by AIC (H. Akaike, IEEE Trans.
     Automat. Contr. 19, 1974).
     """
-    return _penalized(hypotheses, _likelihood_fits(y.tobytes(), dt, hypotheses), 2.0)
+    return _penalized(hypotheses, _maximum_likelihood(y, dt, hypotheses), 2.0)
 
 
 def schwarz(y, dt, hypotheses):
     """Maximum likelihood within the ranges, model by BIC (G. Schwarz, Ann. Stat. 6,
     1978).
     """
-    return _penalized(hypotheses, _likelihood_fits(y.tobytes(), dt, hypotheses),
+    return _penalized(hypotheses, _maximum_likelihood(y, dt, hypotheses),
                       np.log(np.sum(~np.isnan(y))))
 
 
+def _maximum_likelihood(y, dt, hypotheses):
+    """(parameters, log-likelihood) of every hypothesis."""
+    return _kept_fits(np.asarray(y, float).tobytes(), dt, tuple(hypotheses))
+
+
 @functools.lru_cache(maxsize=2)    # both criteria look at the same fits
-def _likelihood_fits(y, dt, hypotheses):
+def _kept_fits(y, dt, hypotheses):
     y = np.frombuffer(y)
 
     def log_likelihoods(h, theta):
@@ -156,12 +161,11 @@ def whittle(y, dt, hypotheses):
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(1, (n + 1) // 2) / n)
 
     def log_likelihoods(h, theta):
-        b = bank(h, dt, theta)
-        if not is_modal(b):
+        own = modes(bank(h, dt, theta))
+        if own is None:
             raise ValueError(f"{h.name} is no sum of one-state processes: "
                              "Whittle's likelihood is of such sums alone")
-        a, q = (np.diagonal(part[:, 0], 0, 1, 2) for part in (b.Phi, b.Q))
-        return _whittle(power, turn, n, a, q, b.r[:, 0])
+        return _whittle(power, turn, n, own.a, own.q, own.r[:, 0])
     return _penalized(hypotheses, [_maximize(h, log_likelihoods) for h in hypotheses],
                       2.0)
 
@@ -180,9 +184,7 @@ def _whittle(power, turn, n, a, q, r):
     total = np.zeros(len(a))
     for node in range(len(a)):
         for j in range(len(power)):
-            S = r[node]
-            for s in range(a.shape[1]):
-                S += q[node, s] / ((1.0 - a[node, s])**2 + a[node, s] * turn[j])
+            S = r[node] + spectrum(a[node], q[node], turn[j])
             S = S * turn[j] + r[node] * (2.0 - turn[j]) / n
             total[node] -= np.log(S) + power[j] / S
     return total

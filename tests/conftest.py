@@ -7,6 +7,7 @@ from numpy.testing import assert_array_equal
 import sensorid
 import sensorlab
 from sensorlab import Scene
+from sensorlab.gap.effects import Member
 
 REAL = pathlib.Path(__file__).parent.parent.parent / "shared" / "data" / "real"
 
@@ -40,6 +41,14 @@ MODEL = paper_case(3)
 WHITE = [sensorid.hypothesis("white_noise", sigma_v=1.0)]
 
 
+def member(scene, h, *names):
+    """A hypothesis with effects of the catalogue inside its filter."""
+    result = Member(h, scene)
+    for name in names:
+        result = result.with_effect(sensorlab.CATALOGUE[name])
+    return result
+
+
 def scene_of(record):
     return Scene(record["error"], DT, dict(temperature=record["temperature"],
                                            rate=record["rate"]))
@@ -66,7 +75,8 @@ def short():
     y[50:60] = np.nan
     theta = np.array([[300.0, 0.9, 0.4]])
     seen = ~np.isnan(y)
-    return Scene(y, DT, {}), MODEL[1], theta, dense(theta[0], 200), seen
+    scene = Scene(y, DT, {})
+    return scene, member(scene, MODEL[1]), theta, dense(theta[0], 200), seen
 
 
 RATES = {}    # filled by bench_bank.py

@@ -12,5 +12,5 @@ def test_where_a_posterior_is_bent_a_node_stands_for_it():
         return -0.5 * ((r - 0.4) / 0.01)[:, None]**2
     p = tuple(sensorid.Parameter(s, 0.0, 1.0) for s in "ab")
     sample = evidence.integrate(on_a_ring, p)
-    a, b = account._central(sample, on_a_ring)
+    a, b = account.central(sample, on_a_ring)
     assert abs(np.hypot(a - 0.5, b - 0.5) - 0.4) < 0.02

@@ -2,17 +2,19 @@
 
 import json
 
-from conftest import DT, MODEL, WHITE, diagnosed
 import generator
 import numba
 import numpy as np
-from numpy.testing import assert_allclose, assert_array_equal
 import pytest
+from conftest import DT, MODEL, WHITE, diagnosed
+from numpy.testing import assert_allclose, assert_array_equal
 
 import sensorid
 import sensorlab
-from sensorlab import Scene
+from sensorlab import Found, Scene
 from sensorlab.gap import causes, diagnosis
+
+EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
 
 
 def test_means_that_a_simulator_expects():
@@ -41,7 +43,7 @@ def test_a_plain_effect_is_named(effect):
     assert d.verdict == effect, d.causes[:3]
     for name, truth in record["truth"][effect].items():
         if np.isscalar(truth) and effect != "bias_instability":
-            mean, sd = d.found[0].parameters[name]
+            mean, sd = d.found[0].values[name]
             assert abs(abs(mean) - abs(truth)) < 4.0 * sd + 1e-3 * abs(truth), name
     assert np.isnan(d.closed) or d.closed_interval[1] > 0.8
 
@@ -93,7 +95,8 @@ def test_two_effects_are_found_together():
 def test_what_is_in_most_of_the_probable_sets_is_named():
     def verdict(**probability):
         return diagnosis.verdict_of([
-            causes.Cause(effect.replace("_and_", "+"), "", p, 0.0, {})
+            causes.Cause(tuple(Found(EFFECTS[name]) for name in effect.split("_and_")
+                               if name != "none"), p, 0.0)
             for effect, p in probability.items()])
     assert verdict(outliers=0.6, none=0.4) == "outliers"
     assert verdict(outliers=0.45, outliers_and_sinusoid=0.4, none=0.15) == "outliers"
@@ -110,8 +113,8 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     y = sensorid.simulate(true, DT, 3000, seed=6).error[0]
     d = sensorlab.diagnose(y, DT, wrong)
     assert d.verdict == "wrong_parameter"
-    assert d.found[0].parameters["parameter"][0] == "sigma_v"
-    factor, sd = d.found[0].parameters["factor"]
+    assert d.found[0].values["parameter"][0] == "sigma_v"
+    factor, sd = d.found[0].values["factor"]
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
 
 
@@ -127,13 +130,12 @@ def test_a_users_effect_joins_the_catalogue_in_a_few_lines():
     def kick(scene, column, psi):    # an exponential approach to a new level
         yield "", (1.0 - np.exp(-scene.time / 30.0))[:, None] * (scene.time > 500)[
             :, None]
-    own = sensorlab.Effect("kick", "signature", lambda scene: (), kick, "size")
+    own = sensorlab.Effect("kick", columns=kick)
     y = sensorid.simulate(MODEL[:1], DT, 3000, seed=1).error[0]
     y += 6.0 * next(kick(Scene(y, DT, {}), None, None))[1][:, 0]
-    d = sensorlab.diagnose(y, DT, MODEL,
-                           effects=[own, sensorlab.CATALOGUE["rate_ramp"]])
+    d = sensorlab.diagnose(y, DT, MODEL, effects=[own, EFFECTS["rate_ramp"]])
     assert d.verdict == "kick"
-    assert d.found[0].parameters["size"][0] == pytest.approx(6.0, abs=1.5)
+    assert d.found[0].values["size"][0] == pytest.approx(6.0, abs=1.5)
 
 
 def test_a_diagnosis_does_not_depend_on_the_number_of_threads():
@@ -240,9 +242,9 @@ def test_the_modulus_of_a_rate_is_not_averaged_with_its_square():
 
 
 def test_an_effect_found_twice_keeps_both_sets_of_parameters():
-    one, two = (causes.Cause("sinusoid", "", 1.0, 5.0, dict(frequency=(f, 0.1)))
+    one, two = (Found(EFFECTS["sinusoid"], values=dict(frequency=(f, 0.1)))
                 for f in (0.1, 0.2))
-    both = diagnosis._joined([one, two], 1.0)
+    both = causes.Cause((one, two), 1.0, 10.0)
     assert both.parameters == {"sinusoid.frequency": (0.1, 0.1),
                                "sinusoid_2.frequency": (0.2, 0.1)}
-    assert diagnosis._joined([one], 1.0).parameters == one.parameters
+    assert causes.Cause((one,), 1.0, 5.0).parameters == one.values

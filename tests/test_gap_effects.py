@@ -1,22 +1,21 @@
 """Effects as they are written: covariances, spectra, simulated records."""
 
-from conftest import DT, MODEL
 import numpy as np
-from numpy.testing import assert_allclose, assert_array_equal
 import pytest
+from conftest import DT, MODEL, member
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
 import sensorid
-import sensorlab
-from sensorlab import Scene
-from sensorlab.gap import effects, filters
+from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
+from sensorlab.gap import filters
 
 
 @pytest.mark.parametrize("name", ["correlated_noise", "bias_instability", "bandwidth",
                                   "noise_step"])
 def test_processes_have_the_covariance_that_is_written(name):
     scene = Scene(np.zeros(200), DT, {})
-    h = effects.extend(scene, MODEL[1], sensorlab.CATALOGUE[name])
+    h = member(scene, MODEL[1], name)
     t, eye = np.arange(200), np.eye(200)
     lag = np.abs(t[:, None] - t)
     base = 0.81 * np.exp(-lag / 300.0)
@@ -30,14 +29,14 @@ def test_processes_have_the_covariance_that_is_written(name):
     }[name]
     theta = np.array([[300.0, 0.9, 0.4, *own]])
     y = np.random.default_rng(5).standard_normal(200)
-    assert_allclose(filters._log_likelihoods(h, scene._replace(y=y), (), theta),
+    assert_allclose(filters.log_likelihoods(h, scene._replace(y=y), (), theta),
                     multivariate_normal(cov=expected + 1.0).logpdf(y), rtol=1e-9)
 
 
 def test_flicker_noise_has_the_spectrum_of_the_standard():
     scene = Scene(np.zeros(10**5), DT, {})
-    h = effects.extend(scene, sensorid.hypothesis("white_noise", sigma_v=1.0),
-                        sensorlab.CATALOGUE["bias_instability"])
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0),
+               "bias_instability")
     b = sensorid.bank(h, DT, np.array([[1.0, 1.0]]))
     a, q = (np.diagonal(m[0, 0])[1:, None] for m in (b.Phi, b.Q))
     f = np.geomspace(1e-4, 3e-2, 40)    # Hz, well inside the band
@@ -80,26 +79,26 @@ def test_simulated_signatures_are_what_is_written():
         latency=0.1 * np.append(0.0, np.diff(rate)),
         g_sensitivity=0.3 * (columns["acceleration"] - columns["acceleration"].mean()),
         covariate=0.3 * (columns["pressure"] - columns["pressure"].mean()))
-    h = MODEL[:1]
-    plain = sensorlab.simulate_effects(h, [()], scene, 2, seed=5).error
-    assert_array_equal(plain, sensorid.simulate(h, DT, n, 2, seed=5).error)
+    plain = simulate_effects(Simulator(MODEL[:1]), scene, 2, seed=5).error
+    assert_array_equal(plain, sensorid.simulate(MODEL[:1], DT, n, 2, seed=5).error)
     for name, (column, values) in ADDED.items():
-        one = sensorlab.Added(sensorlab.CATALOGUE[name], column, "", values)
-        with_effect = sensorlab.simulate_effects(h, [(one,)], scene, 2, seed=5).error
+        one = Found(CATALOGUE[name], column, "", values)
+        with_effect = simulate_effects(Simulator(MODEL[:1], ((one,),)), scene, 2,
+                                       seed=5).error
         assert_allclose(with_effect - plain, np.tile(expected[name], (2, 1)),
                         atol=1e-12, err_msg=name)
 
 
 def test_simulated_noises_have_the_variance_that_is_written():
-    h = [sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0)]
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0)
     scene = Scene(np.zeros(20000), DT, {})
 
-    def altered(*added):
-        return sensorlab.simulate_effects(h, [added], scene, seed=2).error[0]
+    def altered(*effects):
+        return simulate_effects(Simulator((h,), (effects,)), scene, seed=2).error[0]
 
     def drawn(effect, **values):
-        added = {k: sensorid.Parameter(k, v, v) for k, v in values.items()}
-        return altered(sensorlab.Added(sensorlab.CATALOGUE[effect], "", "", added))
+        return altered(Found(CATALOGUE[effect], values={
+            k: sensorid.Parameter(k, v, v) for k, v in values.items()}))
     y = drawn("noise_step", onset=10000.0, ratio=2.0)
     assert_allclose([y[:10000].std(), y[10000:].std()], [1.0, 2.0], rtol=0.03)
     assert_allclose(drawn("correlated_noise", tau=5.0, sigma=2.0).var(), 5.0, rtol=0.1)
@@ -110,9 +109,9 @@ def test_simulated_noises_have_the_variance_that_is_written():
     y = drawn("random_telegraph", dwell=30.0, size=6.0)
     assert_allclose(y.var(), 10.0, rtol=0.1)
     assert np.count_nonzero(np.diff(y > 0.0)) == pytest.approx(20000 / 30, rel=0.15)
-    y = altered(*(sensorlab.Added(sensorlab.CATALOGUE[name], "", "", value)
-                  for name, value in (("saturation", dict(limits=[-1.0, 2.0])),
-                                      ("quantization", dict(lsb=0.25)),
-                                      ("stuck", dict(spans=[[100.0, 20]])))))
+    y = altered(*(Found(CATALOGUE[name], values=values) for name, values in (
+        ("saturation", dict(limits=[-1.0, 2.0])),
+        ("quantization", dict(lsb=0.25)),
+        ("stuck", dict(spans=[[100.0, 20]])))))
     assert y.min() == -1.0 and y.max() == 2.0 and len(np.unique(y)) <= 13
     assert (y[100:120] == y[100]).all()

@@ -1,17 +1,16 @@
 """Evidence by sampling against grids, quadrature and sums."""
 
-from conftest import DT, MODEL
 import generator
 import numpy as np
-from numpy.testing import assert_allclose
 import pytest
+from conftest import DT, MODEL, member
+from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 import sensorid
-import sensorlab
 from sensorlab import Scene
-from sensorlab.gap import account, effects, evidence, filters
+from sensorlab.gap import account, evidence, filters
 
 
 @pytest.mark.parametrize("k", [0, 1])
@@ -20,11 +19,11 @@ def test_importance_sampling_finds_the_evidence_of_the_grid(k):
     scene = Scene(y, DT, {})
     for h in MODEL:
         exact = sensorid.identify(y, DT, [h]).estimates[0]
-        errors = []
+        h, errors = member(scene, h), []
         for seed in range(8):
             s = evidence.integrate(
-                lambda theta, h=h: filters._log_likelihoods(h, scene, (),
-                                                             theta)[:, None],
+                lambda theta, h=h: filters.log_likelihoods(
+                    h, scene, (), theta)[:, None],
                 h.parameters, seed=seed)
             errors.append(s.log_evidence[0] - exact.log_evidence)
             assert_allclose(s.weight @ s.theta, exact.mean,
@@ -56,9 +55,8 @@ def stepped(n=300):
     noise = np.random.default_rng(3).standard_normal(n)
     scene = Scene(0.7 + noise * np.where(np.arange(n) < 120, 1.0, 2.0), DT, {})
     h = sensorid.hypothesis("random_walk", sigma_w=0.05, sigma_v=1.0)
-    h = effects.extend(scene, h, sensorlab.CATALOGUE["noise_step"])
-    p = sensorid.Parameter("noise_step.ratio", 2.0, 2.0)
-    return scene, h._replace(parameters=(*h.parameters[:-1], p))
+    h = member(scene, h, "noise_step")
+    return scene, h.fixed({("noise_step", "ratio"): 2.0})
 
 
 def test_onsets_are_drawn_from_their_law():
@@ -67,7 +65,7 @@ def test_onsets_are_drawn_from_their_law():
     theta, log_ratio = evidence.onset_law(h, scene, ())(
         sensorid.at_quantiles(h.parameters, u[:, None]))
     assert abs(np.mean(np.exp(log_ratio)) - 1.0) < 0.01    # prior over law, under it
-    weight = np.exp(log_ratio + (ll := filters._log_likelihoods(h, scene, (), theta))
+    weight = np.exp(log_ratio + (ll := filters.log_likelihoods(h, scene, (), theta))
                     - ll.max())
     assert weight.sum()**2 / (weight @ weight) > 2000    # nearly the posterior itself
 
@@ -76,10 +74,10 @@ def test_evidence_of_an_unknown_onset_is_the_sum_over_all():
     scene, h = stepped()
     every = np.array([[0.05, 1.0, (i + 0.5) * DT, 2.0]
                       for i in range(1, len(scene.y) - 1)])
-    exact = logsumexp(filters._log_likelihoods(h, scene, (), every)) - np.log(
+    exact = logsumexp(filters.log_likelihoods(h, scene, (), every)) - np.log(
         len(every))
     s = evidence.integrate(
-        lambda theta: filters._log_likelihoods(h, scene, (), theta)[:, None],
+        lambda theta: filters.log_likelihoods(h, scene, (), theta)[:, None],
         h.parameters, move=evidence.onset_law(h, scene, ()))
     assert abs(s.log_evidence[0] - exact) < 0.1
 
@@ -92,11 +90,11 @@ def test_importance_sampling_finds_the_mode(number, effects):
     r = generator.record(2026, number, effects, level=3)
     scene = Scene(r["error"], DT, {})
     (h,) = [h for h in MODEL if h.name == r["base"]]
-    truth = dict(r["parameters"])
-    for e in effects:
-        h = effects.extend(scene, h, sensorlab.CATALOGUE[e])
-        truth |= {f"{e}.{name}": value for name, value in r["truth"][e].items()}
-    theta = np.array([[truth[p.symbol] for p in h.parameters]])
+    h = member(scene, h, *effects)
+    truth = {("", symbol): value for symbol, value in r["parameters"].items()}
+    truth |= {(e, symbol): value for e in effects
+              for symbol, value in r["truth"][e].items()}
+    theta = np.array([[truth[key] for key in h.keys]])
     acc = account.account(scene, [h])
-    assert acc.peak > filters._log_likelihoods(h, scene, (), theta)[0]
+    assert acc.peak > filters.log_likelihoods(h, scene, (), theta)[0]
     assert acc.samples[0].log_evidence[0] > acc.peak - 25.0    # not one point alone

@@ -2,16 +2,15 @@
 
 import itertools
 
-from conftest import DT, dense
 import generator
 import numpy as np
+from conftest import DT, dense, member
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal, norm
 
 import sensorid
-import sensorlab
-from sensorlab import Scene
-from sensorlab.gap import effects, filters, signatures
+from sensorlab import CATALOGUE, Found, Scene
+from sensorlab.gap import filters, signatures
 
 
 def test_severity_is_that_of_the_dense_covariance():
@@ -33,11 +32,10 @@ def test_signatures_in_the_bank_and_in_the_mixture_filter_say_the_same(short):
     scene, h, theta, C, seen = short
     t = scene.time
     columns = np.column_stack([np.cos(0.3 * t), np.sin(0.3 * t)])
-    sinusoid = sensorlab.CATALOGUE["sinusoid"]
-    found = filters.Signature(sinusoid, "", "", 0.3, columns, 2.0)
+    found = filters.Signature(Found(CATALOGUE["sinusoid"]), columns, 2.0)
     C = (C + 4.0 * columns @ columns.T)[np.ix_(seen, seen)]
     expected = multivariate_normal(cov=C).logpdf(scene.y[seen])
-    assert_allclose(filters._log_likelihoods(h, scene, (found,), theta), expected,
+    assert_allclose(filters.log_likelihoods(h, scene, (found,), theta), expected,
                     rtol=1e-9)
     assert_allclose(filters.predict(h, scene, (found,), theta).log_likelihood,
                     expected, rtol=1e-9)
@@ -46,7 +44,7 @@ def test_signatures_in_the_bank_and_in_the_mixture_filter_say_the_same(short):
 def test_outliers_in_white_noise_are_an_independent_mixture():
     h = sensorid.hypothesis("white_noise", sigma_v=0.5, bias_sigma=0.0)
     scene = Scene(np.random.default_rng(1).standard_normal(300), DT, {})
-    h = effects.extend(scene, h, sensorlab.CATALOGUE["outliers"])
+    h = member(scene, h, "outliers")
     rate, sigma = 0.05, 3.0
     p = filters.predict(h, scene, (), np.array([[0.5, rate, sigma]]))
     narrow = (1 - rate) * norm.pdf(scene.y, scale=0.5)
@@ -62,7 +60,7 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
     h = sensorid.hypothesis("white_noise", sigma_v=0.5, bias_sigma=0.0)
     y = np.random.default_rng(2).standard_normal(10)
     scene = Scene(y, DT, {})
-    h = effects.extend(scene, h, sensorlab.CATALOGUE["random_telegraph"])
+    h = member(scene, h, "random_telegraph")
     dwell, size = 4.0, 1.5
     change = 0.5 * (1.0 - np.exp(-2.0 * DT / dwell))
     total = 0.0
@@ -84,13 +82,13 @@ def test_telegraph_on_a_walk_is_close_to_the_sum_over_all_histories():
     prior = 0.5 * change**flips * (1 - change)**(n - 1 - flips)
     t = np.arange(1, n + 1)
     C = 0.01 * np.minimum.outer(t, t) + 0.09 * np.eye(n) + 0.25
-    law, telegraph = multivariate_normal(cov=C), sensorlab.CATALOGUE["random_telegraph"]
+    law = multivariate_normal(cov=C)
     rng, errors = np.random.default_rng(4), []
     for path in paths[rng.choice(len(paths), 60, p=prior)]:
         y = law.rvs(random_state=rng) + (path - 0.5) * size
         exact = np.log(prior @ law.pdf(y - (paths - 0.5) * size))
         scene = Scene(y, DT, {})
-        own = effects.extend(scene, h, telegraph)
+        own = member(scene, h, "random_telegraph")
         p = filters.predict(own, scene, (), np.array([[0.1, 0.3, dwell, size]]))
         errors.append(p.log_likelihood[0, 0] - exact)
     # one Gaussian a level instead of one a history: half a nat for a change of level
@@ -105,7 +103,8 @@ def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
     inverse[np.ix_(seen, seen)] = np.linalg.inv(C[np.ix_(seen, seen)])
     y = np.where(seen, scene.y, 0.0)
     assert_allclose(solved.residual[0], inverse @ y, atol=1e-9)
-    found = signatures._scan_steps(solved, scene)
+    onsets = signatures.Family(CATALOGUE["bias_step"], "")
+    found = signatures.scores(h, scene, onsets, theta, solved)
     for onset in (1, 30, 55, 150, 199):
         s = (np.arange(200) >= onset).astype(float)
         J = s @ inverse @ s

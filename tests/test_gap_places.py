@@ -1,14 +1,14 @@
 """p-values where there is no gap."""
 
-from conftest import DT, MODEL
 import generator
 import numpy as np
+from conftest import DT, MODEL
 from scipy.stats import binom, kstest
 
 import sensorid
-import sensorlab
-from sensorlab import Scene
+from sensorlab import Scene, Simulator
 from sensorlab.gap import account, places
+from sensorlab.gap.effects import members
 
 
 def test_p_values_of_records_without_an_effect_are_uniform():
@@ -16,7 +16,8 @@ def test_p_values_of_records_without_an_effect_are_uniform():
     for k, y in enumerate(sensorid.simulate(MODEL, DT, 1000, 60, seed=21).error):
         r = generator.record(31, k)
         scene = Scene(y, DT, dict(temperature=r["temperature"][:1000]))
-        p.append(places.distance(scene, account.account(scene, MODEL)).p_value)
+        fit = account.account(scene, members(Simulator(MODEL), scene))
+        p.append(places.distance(scene, fit).p_value)
     assert kstest(p, "uniform").pvalue > 1e-3
     assert np.sum(np.array(p) < 0.05) <= binom.ppf(0.999, 60, 0.05)
 
@@ -27,8 +28,9 @@ def test_what_was_not_fitted_shows_no_gap_where_there_is_none():
     squares = []
     for seed in range(6):
         y = sensorid.simulate(h, DT, 1500, seed=seed).error[0]
-        fit = account.account(sensorlab.Scene(y[:1000], DT, {}), h)
-        gap = places.distance(sensorlab.Scene(y, DT, {}), fit, 99, seed, 1000)
+        scene = Scene(y, DT, {})
+        fit = account.account(Scene(y[:1000], DT, {}), members(Simulator(h), scene))
+        gap = places.distance(scene, fit, 99, seed, 1000)
         assert len(gap.statistics.place) == gap.null.shape[1] and gap.p_value > 1e-3
         squares.append(np.mean(gap.distance**2))
     # over 40 seeds 0.97, and 0.22 from one to the next

@@ -15,14 +15,15 @@ def test_readings_are_seen_and_what_is_none_is_not():
         assert readings.readings(Scene(clean, DT, {})) == ()
     lattice = 0.3 * np.round(y / 0.3) + 0.1
     (one,) = readings.readings(Scene(lattice, DT, {}))
-    assert one.effect == "quantization" and one.value["lsb"] == pytest.approx(0.3)
+    assert one.found.name == "quantization"
+    assert one.found.values["lsb"] == pytest.approx(0.3)
     (one,) = readings.readings(Scene(np.clip(y, -1.0, 1.2), DT, {}))
-    assert one.effect == "saturation" and one.value["limits"] == [-1.0, 1.2]
+    assert one.found.name == "saturation" and one.found.values["limits"] == [-1.0, 1.2]
     stuck = y.copy()
     stuck[700:730] = stuck[700]
     (one,) = readings.readings(Scene(stuck, DT, {}))
-    assert one.effect == "stuck" and one.value["spans"] == [[700.0, 30]]
+    assert one.found.name == "stuck" and one.found.values["spans"] == [[700.0, 30]]
     held = lattice.copy()
     held[700:760] = held[700]
-    assert [r.effect for r in readings.readings(Scene(held, DT, {}))] == [
+    assert [r.found.name for r in readings.readings(Scene(held, DT, {}))] == [
         "stuck", "quantization"]

@@ -17,8 +17,9 @@ MODEL = dict(dt=0.5, unit="deg/h", bias_sigma=2.0, hypotheses=[
 def test_a_model_file_survives_writing_and_reading(tmp_path):
     (tmp_path / "a.json").write_text(json.dumps(MODEL))
     model = read_model(tmp_path / "a.json")
-    assert model.hypotheses[1].parameters[0] == s.Parameter("tau_m", 1.0, 9.0, True)
-    assert model.hypotheses[0].bias_sigma == 2.0
+    walk, process = model.simulator.hypotheses
+    assert process.parameters[0] == s.Parameter("tau_m", 1.0, 9.0, True)
+    assert walk.bias_sigma == 2.0
     (tmp_path / "b.json").write_text(model_text(model))
     assert read_model(tmp_path / "b.json") == model
 

@@ -16,7 +16,7 @@ def test_a_turn_on_transient_and_its_temperature(real):
     hypotheses = sensorid.default_hypotheses(y, 0.5)
     hidden = sensorlab.diagnose(y, 0.5, hypotheses)
     assert hidden.verdict == "turn_on_transient"
-    assert 60.0 < hidden.found[0].parameters["tau"][0] < 250.0
+    assert 60.0 < hidden.found[0].values["tau"][0] < 250.0
     shown = sensorlab.diagnose(y, 0.5, hypotheses, dict(temperature=T))
     best = {c.effect for c in shown.causes if c.probability > 0.05}
     # the record cooled once: time and temperature cannot be told apart
@@ -30,8 +30,8 @@ def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
     with np.load(real / "adis16405_run1.npz") as z:
         y = z["accel_counts"][0][:10000] * float(z["accel_lsb"]) * 1e3    # mg
     d = sensorlab.diagnose(y, 0.01, sensorid.default_hypotheses(y, 0.01))
-    lines = [c.parameters["frequency"][0] for c in d.found if c.effect == "sinusoid"]
-    assert any(0.45 < f < 0.6 for f in lines), [c.effect for c in d.found]
+    lines = [one.values["frequency"][0] for one in d.found if one.name == "sinusoid"]
+    assert any(0.45 < f < 0.6 for f in lines), [one.name for one in d.found]
 
 
 def test_runs_of_one_sensor_differ_by_a_drift_or_not_at_all(real):
@@ -57,15 +57,15 @@ def test_two_clusters_of_temperature_are_no_proof_of_it(real):
             ("hot", "cold"), parts)])
         T = np.concatenate([z[f"{k}_temp"][part].astype(float) for k, part in zip(
             ("hot", "cold"), parts)])
-    low, high = report._clusters(T)
+    low, high = report.clusters(T)
     assert low[1] < 14.0 and high[0] > 47.0
     d = sensorlab.diagnose(y, 0.02, sensorid.default_hypotheses(y, 0.02),
                           dict(temperature=T))
     assert any("temperature" in c.effect or "thermal_lag" in c.effect or
                "bias_step" in c.effect for c in d.causes[:4])
-    text = report._table(d, sensorlab.Record("r", "gyro", y, 0.02, dict(
+    text = report.table(d, sensorlab.Record("r", "gyro", y, 0.02, dict(
         temperature=T)), "deg/s")
-    if any(s.column for s in d.final.signatures):
+    if any(s.found.column for s in d.final.signatures):
         assert "never between" in text
 
 
@@ -80,6 +80,6 @@ def test_published_noise_14_times_too_large_is_a_wrong_parameter(real):
     simulator = [sensorid.hypothesis("white_noise", sigma_v=published * rate**0.5)]
     d = sensorlab.diagnose(y, 1.0 / rate, simulator)
     assert d.verdict == "wrong_parameter"
-    factor, sd = d.found[0].parameters["factor"]
+    factor, sd = d.found[0].values["factor"]
     assert factor == pytest.approx(density / published, rel=0.1)
-    assert "root of the rate" in report._looks_like(factor, 0.1 * factor, 1.0 / rate)
+    assert "root of the rate" in report.looks_like(factor, 0.1 * factor, 1.0 / rate)

@@ -8,20 +8,20 @@ import os
 import numpy as np
 
 from sensorid import (
-    _check_trials, _targets, _write, at_condition, criteria, record_length)
-from sensorlab.rivals import ALGORITHMS
-from sensorlab.modelfiles import read_model
-from sensorlab.drawings import _draw_criteria, _draw_design, _matplotlib, _save
+    at_condition, check_targets, check_trials, criteria, record_length, write_whole)
 from sensorlab.commands.shared import (
-    _check_outputs, _refuse_effects, _write_json, progress_bar)
+    check_outputs, progress_bar, refuse_effects, write_json)
+from sensorlab.drawings import draw_criteria, draw_design, matplotlib_for_files, save
+from sensorlab.modelfiles import read_model
+from sensorlab.rivals import ALGORITHMS
 
 
 def run(options):
     model = read_model(options.model)
-    _refuse_effects(options.model, model)
-    _check_outputs([options.model], options.json, options.csv, plot=options.plot)
+    refuse_effects(options.model, model)
+    check_outputs([options.model], options.json, options.csv, plot=options.plot)
     if options.checkpoint is not None and not os.path.isdir(options.checkpoint):
-        _check_outputs([], options.checkpoint)
+        check_outputs([], options.checkpoint)
         if os.path.exists(options.checkpoint):
             raise ValueError(f"{options.checkpoint} is a file: a folder is needed")
     if options.target is not None or options.target_rsd:
@@ -29,8 +29,8 @@ def run(options):
     for name in ("design", "csv"):
         if getattr(options, name):
             raise ValueError(f"--{name} goes with --target or --target-rsd")
-    plt = _matplotlib() if options.plot else None
-    result = criteria(model.hypotheses, model.dt, options.duration,
+    plt = matplotlib_for_files() if options.plot else None
+    result = criteria(model.simulator.hypotheses, model.dt, options.duration,
                       500 if options.trials is None else options.trials, options.seed,
                       algorithms=_algorithms(options.algorithms),
                       checkpoint=options.checkpoint, progress=progress_bar)
@@ -55,7 +55,7 @@ def run(options):
     if options.json:
         def by_label(parts):
             return dict(zip(result.labels, parts))
-        _write_json(options.json, dict(
+        write_json(options.json, dict(
             time=result.time, trials=result.trials, seed=options.seed, unit=model.unit,
             error_probability=error._asdict(),
             rsd=by_label(c._asdict() for c in result.rsd),
@@ -63,7 +63,7 @@ def run(options):
                                for key, part in r._asdict().items()}
                         for name, r in result.rivals.items()}))
     if plt:
-        _save(_draw_criteria(plt, result), options.plot)
+        save(draw_criteria(plt, result), options.plot)
 
 
 def _algorithms(text):
@@ -103,14 +103,15 @@ def _targets_command(options, model):
         raise ValueError("--algorithms goes with criteria, not with a target")
     if options.plot and not design:
         raise ValueError("--plot goes with --design: a single answer is no picture")
-    conditions = [(sigma_v, *at_condition(model.hypotheses, model.dt, dt, sigma_v))
+    given = model.simulator.hypotheses
+    conditions = [(sigma_v, *at_condition(given, model.dt, dt, sigma_v))
                   for dt, sigma_v in itertools.product(design.get("dt", [None]),
                                                        design.get("sigma_v", [None]))]
     trials = 4000 if options.trials is None else options.trials
     for _, hypotheses, interval in conditions:    # refuse them before the work
-        _targets(hypotheses, options.target, rsd)
-        _check_trials(hypotheses, interval, options.duration, trials)
-    plt = _matplotlib() if options.plot else None
+        check_targets(hypotheses, options.target, rsd)
+        check_trials(hypotheses, interval, options.duration, trials)
+    plt = matplotlib_for_files() if options.plot else None
     rows = []
     print(f"shortest record [95 % interval], {trials} trials of {options.duration:g} s "
           f"at most, seed {options.seed}")
@@ -128,7 +129,7 @@ def _targets_command(options, model):
             line = f"{condition}: {n.label} {n.target:g}: {found}"
             print("; ".join(filter(None, (line, n.reason))), flush=True)
     if options.json:
-        _write_json(options.json, dict(seed=options.seed, trials=trials, needed=rows))
+        write_json(options.json, dict(seed=options.seed, trials=trials, needed=rows))
     if options.csv:
         names = "dt", "sigma_v", "label", "target", "duration", "low", "high", "reached"
         text = io.StringIO()
@@ -137,6 +138,6 @@ def _targets_command(options, model):
         table.writerows(["" if v is None or v != v else v for v in (
             r["dt"], r["sigma_v"], r["label"], r["target"], r["duration"],
             *r["interval"], r["reached"])] for r in rows)
-        _write(options.csv, lambda stream: stream.write(text.getvalue().encode()))
+        write_whole(options.csv, lambda stream: stream.write(text.getvalue().encode()))
     if plt:
-        _save(_draw_design(plt, rows, options.duration, model.unit), options.plot)
+        save(draw_design(plt, rows, options.duration, model.unit), options.plot)

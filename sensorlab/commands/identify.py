@@ -1,33 +1,33 @@
 """python -m sensorid identify"""
 
-import json
-
 import numpy as np
 
 from sensorid import (
-    MODELS, Parameter, _write, allan_misfit, decide, default_hypotheses, identify,
-    matrices, summary)
-from sensorlab.modelfiles import Model, model_text, read_model
-from sensorlab.drawings import _draw_identify, _matplotlib, _save
+    MODELS, Parameter, allan_misfit, decide, default_hypotheses, identify, matrices,
+    summary, write_whole)
 from sensorlab.commands.shared import (
-    _check_outputs, _read, _refuse_effects, progress_bar)
+    check_outputs, progress_bar, read, refuse_effects, write_json)
+from sensorlab.drawings import draw_identify, matplotlib_for_files, save
+from sensorlab.gap.effects import Simulator
+from sensorlab.modelfiles import Model, model_text, read_model
 
 
 def run(options):
     model = read_model(options.model) if options.model else None
-    _refuse_effects(options.model, model)
+    refuse_effects(options.model, model)
     if model and options.hypotheses is not None:
         raise ValueError("--hypotheses names defaults and --model brings its own: "
                          "give one of them")
-    _check_outputs([options.record, options.model], options.json, options.save_model,
+    check_outputs([options.record, options.model], options.json, options.save_model,
                    plot=options.plot)
-    plt = _matplotlib() if options.plot else None
-    record = _read(options, model)
+    plt = matplotlib_for_files() if options.plot else None
+    record = read(options, model)
     y, dt = record.error, record.dt
     names = ("white_noise,random_walk,markov" if options.hypotheses is None
              else options.hypotheses)
     names = MODELS if names == "all" else names.split(",")
-    hypotheses = model.hypotheses if model else default_hypotheses(y, dt, names)
+    hypotheses = (model.simulator.hypotheses if model else
+                  default_hypotheses(y, dt, names))
     unit = model.unit if model else "u"
     posterior = identify(y, dt, hypotheses, progress=progress_bar)
     best = int(posterior.probability.argmax())
@@ -51,13 +51,13 @@ def run(options):
             for k, e in enumerate(posterior.estimates)],
         allan_misfit=dict(tau=misfit.tau, ratio=misfit.ratio, sd=misfit.sd))
     if options.json:
-        _write(options.json,
-               lambda stream: stream.write(json.dumps(result, indent=1).encode()))
+        write_json(options.json, result)
     if options.save_model:
-        text = model_text(Model(dt, unit, (_narrowed(posterior.estimates[best]),)))
-        _write(options.save_model, lambda stream: stream.write(text.encode()))
+        text = model_text(Model(dt, unit, Simulator((_narrowed(
+            posterior.estimates[best]),))))
+        write_whole(options.save_model, lambda stream: stream.write(text.encode()))
     if plt:
-        _save(_draw_identify(plt, record, posterior, unit), options.plot)
+        save(draw_identify(plt, record, posterior, unit), options.plot)
 
 
 def _narrowed(e):

@@ -11,7 +11,8 @@ EFFECTS = (
     "rate_ramp", "bias_step", "turn_on_transient", "sinusoid", "temperature",
     "thermal_lag", "scale_factor", "nonlinearity", "latency", "g_sensitivity",
     "covariate", "correlated_noise", "bias_instability", "bandwidth", "noise_step",
-    "outliers", "random_telegraph", "quantization", "saturation", "stuck", "wrong_parameter")
+    "outliers", "random_telegraph", "quantization", "saturation", "stuck",
+    "wrong_parameter")
 
 DESCRIPTION = """\
 sensorid says which error model a gyro or an accelerometer follows, with which

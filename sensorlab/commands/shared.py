@@ -5,9 +5,11 @@ import os
 import pathlib
 import sys
 
-from sensorid import _write
-from sensorlab.gap.report import _finite
-from sensorlab.records import read_record
+import numpy as np
+
+from sensorid import write_whole
+from sensorlab.gap.report import finite
+from sensorlab.records import loaded, read_record
 
 
 def progress_bar(done, total):
@@ -18,7 +20,7 @@ def progress_bar(done, total):
               end="\n" if done == total else "", file=sys.stderr, flush=True)
 
 
-def _read(options, model=None, beside=()):
+def read(options, model=None, beside=()):
     """The record that the options name, with further columns, at the sampling interval
     of the model if there is one.
     """
@@ -34,8 +36,9 @@ def _read(options, model=None, beside=()):
     return record
 
 
-def _refuse_effects(file, model):
-    if model and model.effects:
+def refuse_effects(file, model):
+    """Refuse a model file that only simulate and diagnose understand."""
+    if model and model.simulator.effects:
         raise ValueError(f"{file} has effects: only simulate and diagnose know them, "
                          "take them out for anything else")
 
@@ -43,7 +46,7 @@ def _refuse_effects(file, model):
 PICTURES = ".png", ".pdf", ".svg", ".jpg"
 
 
-def _check_outputs(inputs, *outputs, plot=None):
+def check_outputs(inputs, *outputs, plot=None):
     """Refuse before the work what could not be written after it."""
     if plot is not None and pathlib.Path(plot).suffix.lower() not in PICTURES:
         raise ValueError(f"{plot}: a picture is one of {', '.join(PICTURES)}")
@@ -61,6 +64,26 @@ def _check_outputs(inputs, *outputs, plot=None):
                              "no such folder, or no right to")
 
 
-def _write_json(file, value):
-    text = json.dumps(_finite(value), indent=1, allow_nan=False)
-    _write(file, lambda stream: stream.write(text.encode()))
+def write_json(file, value):
+    """Write a value as JSON, whole or not at all."""
+    text = json.dumps(finite(value), indent=1, allow_nan=False)
+    write_whole(file, lambda stream: stream.write(text.encode()))
+
+
+def simulated_records(options, dt):
+    """Records (L, N) of the simulator behind --simulated."""
+    file = pathlib.Path(options.simulated)
+    if file.suffix.lower() == ".npz" and file.is_file():
+        with loaded(file, np.load) as archive:
+            if "error" in archive.files and archive["error"].ndim == 2:
+                own = float(archive["dt"]) if "dt" in archive.files else dt
+                _check_interval(file, own, dt)
+                return np.asarray(archive["error"], float)
+    simulated = read_record(file, "error", options.dt)
+    _check_interval(file, simulated.dt, dt)
+    return simulated.error[None]
+
+
+def _check_interval(file, own, dt):
+    if abs(own - dt) > 0.01 * dt:
+        raise ValueError(f"{file} is sampled at {own:g} s, the record at {dt:g} s")

@@ -1,126 +1,200 @@
-"""Which: one more effect at a time."""
+"""Which effect: probabilities of all that may be missing, one at a time, Eq. (10)."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import Parameter, bank, free_columns, probabilities
-from sensorlab.gap.effects import extend, flicker_times
-from sensorlab.gap.filters import _value
-from sensorlab.gap.evidence import HOPELESS
-from sensorlab.gap.signatures import estimate_signature, searches, signature_evidence
-from sensorlab.gap.account import Account, _gaussian, _guess, _mean_evidence, account
+from sensorid import Parameter, brief, free_columns, probabilities
+from sensorlab.gap.account import Account, account, gaussian, guess_from, mean_evidence
+from sensorlab.gap.catalogue import flicker_times
+from sensorlab.gap.effects import Effect, Found
+from sensorlab.gap.evidence import HOPELESS_NATS
+from sensorlab.gap.signatures import estimate_signature, families, family_evidence
+
+UNKNOWN = Effect("unknown")    # something that is in no catalogue
 
 
 class Cause(NamedTuple):
-    """An effect as the explanation of a record."""
+    """A set of effects as the explanation of a record; the empty one is `none`."""
 
-    effect: str
-    column: str         # "a or b" where columns are alike
+    found: tuple          # of Found, in the order found; values are (mean, sd)
     probability: float
     log_bayes: float
-    parameters: dict    # name -> (mean, sd)
+
+    @property
+    def effects(self):
+        """Their names."""
+        return tuple(one.name for one in self.found)
+
+    @property
+    def effect(self):
+        """Their names as one."""
+        return "+".join(self.effects) or "none"
+
+    @property
+    def column(self):
+        """Their columns as one; "a or b" where columns are alike."""
+        return "+".join(one.column for one in self.found if one.column)
+
+    @property
+    def parameters(self):
+        """Values by name: symbol, or effect.symbol where there are several effects; one
+        found again is number 2.
+        """
+        result = {}
+        for one in self.found:
+            for symbol, value in one.values.items():
+                number, key = 1, symbol
+                if len(self.found) > 1:
+                    key = f"{one.name}.{symbol}"
+                while key in result:
+                    number += 1
+                    key = f"{one.name}_{number}.{symbol}"
+                result[key] = value
+        return result
 
 
-class Step(NamedTuple):
+class Further(NamedTuple):
     """One look for a further effect."""
 
-    causes: tuple      # of Cause, most probable first, "none" among them
-    account: Account   # with the most probable effect in it; None where it is "none"
+    causes: tuple      # of Cause, most probable first, none among them
+    account: Account   # with the most probable effect in it; None where it is none
+
+    __repr__ = brief
 
 
-LISTED = 0.01       # probability from which on a cause is worth its parameters
+class _Rival(NamedTuple):
+    """One further effect, on one column or in one parameter, against none."""
+
+    effect: Effect
+    at: str              # column, or symbol of the parameter that is wrong
+    log_bayes: float
+    family: int = 0      # number of its family in the evidence, from 1
+    account: Account = None    # with the effect in it; a signature has a family instead
+    values: dict = {}    # (mean, sd) by symbol
+    prior: float = 1.0   # relative to the others
+
+
+LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters
 PRIOR_NONE = 0.5    # that nothing is missing
 PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
+RANGE_WRONG = 0.1   # prior of a wrong range to that of a wrong number
 
 
-def look(scene, acc, effects, processes=True):
-    """`Step`: probability of every further effect, Eq. (10), and the best account.
+def further_causes(scene, acc, effects, processes=True):
+    """`Further`: probability of every further effect, Eq. (10), and the best account.
 
     Without `processes`, for signatures and jumps alone.
     """
-    plain, hypotheses = _gaussian(scene, acc)
+    plain, hypotheses = gaussian(scene, acc)
     reference = acc if plain is scene else account(
         plain, hypotheses, signatures=acc.signatures)
-    tries = searches(plain, effects, acc.signatures)
-    samples = [signature_evidence(h, plain, acc.signatures, tries,
-                                  _guess(reference, number))
+    listed = families(plain, effects, acc.signatures)
+    samples = [family_evidence(h, plain, acc.signatures, listed,
+                               guess_from(reference, number))
                for number, h in enumerate(hypotheses)]
-    table = np.array([s.log_evidence for s in samples])
-    log_bayes, accounts, parameters = {}, {}, {}
+    rivals = [*_with_signatures(listed, samples),
+              *_with_filters(scene, plain, acc, reference, effects, processes)]
+    if processes:
+        rivals += [rival for effect in effects if effect.factor
+                   for rival in _with_wrong_parameters(scene, acc, effect)]
+    alone, share = _probabilities(acc, rivals)
+    groups = _grouped(rivals, share)
+    total = [share[group].sum() for group in groups]
+    best = rivals[groups[int(np.argmax(total))][0]] if rivals else None
 
-    def enter(name, new, old, values):
-        """A richer account: where in its ranges the base lies is no evidence against
-        it, so ln B is no more than the likelihood ratio less Akaike's correction.
-        """
-        more = max(len(free_columns(h.parameters)) - len(free_columns(o.parameters))
-                   for h, o in zip(new.hypotheses, old.hypotheses))
-        log_bayes[name] = min(new.log_evidence - old.log_evidence,
-                              new.peak - old.peak - max(more, 1))
-        accounts[name], parameters[name] = new, values
-    base = _mean_evidence(table[:, 0])
-    for number, t in enumerate(tries):
-        log_bayes[t.effect.name, t.column] = (
-            _mean_evidence(table[:, 1 + number]) - base)
-    for e in effects:
-        start, at = (reference, plain) if e.kind == "process" else (acc, scene)
-        if not processes and e.kind != "jumps":
-            continue
-        if e.kind in ("process", "jumps") and _fits(e, acc, scene):
-            new = account(at, acc.bases, [extend(at, h, e) for h in start.hypotheses],
-                          acc.signatures, acc.readings, start,
-                          start.log_evidence + HOPELESS)
-            enter((e.name, ""), new, start, _account_parameters(e.name, new))
-        elif e.kind == "parameter":
-            for p, new, factor in wrong_parameters(scene, acc):
-                enter((e.name, p), new, acc, dict(parameter=(p, 0.0), factor=factor))
-    names = list(log_bayes)
-    first = not (acc.signatures or acc.readings or acc.hypotheses[0].parameters
-                 != acc.bases[0].parameters)
-    alone = PRIOR_NONE if first else PRIOR_LAST
-    share = np.array([_share(acc, *name) for name in names])
-    probability = probabilities([np.log(alone), *(
-        np.log((1.0 - alone) * share / share.sum())
-        + [log_bayes[name] for name in names])])
-    # columns are rivals in where an effect comes from, not in what it is
-    own = {}
-    for i in np.argsort(-probability[1:]):
-        own.setdefault(names[i][0], []).append(i)
-    total = {effect: float(probability[1:][i].sum()) for effect, i in own.items()}
-    best = names[own[max(total, key=total.get)][0]] if own else None
-    estimates = {}
-    for number, t in enumerate(tries, 1):
-        name = t.effect.name, t.column
-        if name == names[own[name[0]][0]] and (
-                total[name[0]] > LISTED or name == best):
-            estimates[name], parameters[name] = estimate_signature(
-                hypotheses, plain, acc.signatures, t, samples, number)
-    chosen = None
-    if probability[0] < 0.5:
-        if best in accounts:
-            chosen = accounts[best]
-            effect = next(e for e in effects if e.name == best[0])
-            if plain is not scene and effect.kind == "process":
-                chosen = account(scene, acc.bases, [
-                    extend(scene, h, effect) for h in acc.hypotheses],
-                    acc.signatures, acc.readings, acc)
-        else:
-            chosen = account(scene, acc.bases, acc.hypotheses,
-                             (*acc.signatures, estimates[best]), acc.readings, acc)
-        if plain is not scene and (
-                chosen.log_evidence - acc.log_evidence < np.log(len(names))):
-            # what stood in for the jumps misled: the filter with jumps sees nothing
-            return look(scene, acc, [e for e in effects if e.name != best[0]],
-                        processes)
-    causes = [Cause(effect, "" if effect == "wrong_parameter" else _either(
-                        [names[i][1] for i in rivals if
-                         probability[1 + i] > 0.1 * probability[1 + rivals[0]]]),
-                    total[effect], float(log_bayes[names[rivals[0]]]),
-                    parameters.get(names[rivals[0]], {}))
-              for effect, rivals in own.items()]
-    causes.append(Cause("none", "", float(probability[0]), 0.0, {}))
+    causes, signature = [Cause((), float(alone), 0.0)], None
+    for group, probability in zip(groups, total):
+        rival = rivals[group[0]]
+        values = rival.values
+        if rival.family and (probability > LISTED_FROM or rival is best):
+            found, answer = estimate_signature(
+                hypotheses, plain, acc.signatures, listed[rival.family - 1], samples,
+                rival.family)
+            values = answer.values
+            signature = found if rival is best else signature
+        column = "" if rival.effect.factor else _either(
+            [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
+        causes.append(Cause((Found(rival.effect, column, values=values),),
+                            float(probability), float(rival.log_bayes)))
     causes.sort(key=lambda c: -c.probability)
-    return Step(tuple(causes), chosen)
+    if alone >= 0.5:
+        return Further(tuple(causes), None)
+    chosen = _with_best(scene, plain, acc, best, signature)
+    if plain is not scene and (
+            chosen.log_evidence - acc.log_evidence < np.log(len(rivals))):
+        # what stood in for the jumps misled: the filter with jumps sees nothing
+        return further_causes(scene, acc, [e for e in effects if e is not best.effect],
+                              processes)
+    return Further(tuple(causes), chosen)
+
+
+def _with_signatures(listed, samples):
+    """Rivals that are signatures."""
+    table = np.array([s.log_evidence for s in samples])
+    base = mean_evidence(table[:, 0])
+    return [_Rival(family.effect, family.column, mean_evidence(table[:, number]) - base,
+                   number) for number, family in enumerate(listed, 1)]
+
+
+def _with_filters(scene, plain, acc, reference, effects, processes):
+    """Rivals that are inside the filter: models, if wanted, and jumps."""
+    for effect in effects:
+        inside = effect.jumps or processes and effect.model and not effect.reading
+        if not inside or not _has_room(effect, acc, scene):
+            continue
+        start, at = (acc, scene) if effect.jumps else (reference, plain)
+        new = account(at, acc.bases, [h.with_effect(effect) for h in start.hypotheses],
+                      acc.signatures, acc.readings, start,
+                      start.log_evidence + HOPELESS_NATS)
+        yield _Rival(effect, "", _log_bayes(new, start), account=new,
+                     values=_values(effect, new))
+
+
+def _log_bayes(new, old):
+    """ln B of a richer account: where in its ranges the base lies is no evidence
+    against it, so it is no more than the likelihood ratio less Akaike's correction.
+    """
+    more = max(len(free_columns(h.parameters)) - len(free_columns(o.parameters))
+               for h, o in zip(new.hypotheses, old.hypotheses))
+    return min(new.log_evidence - old.log_evidence,
+               new.peak - old.peak - max(more, 1))
+
+
+def _values(effect, acc):
+    """Mean and standard deviation of an effect's parameters over all hypotheses."""
+    share = probabilities([s.log_evidence[0] for s in acc.samples])
+    result = {}
+    for symbol in acc.member.effects[-1].values:
+        first = second = 0.0
+        for h, sample, part in zip(acc.hypotheses, acc.samples, share):
+            value = h.value(sample.theta, effect.name, symbol)
+            first += part * sample.weight @ value
+            second += part * sample.weight @ value**2
+        result[symbol] = float(first), float(np.sqrt(max(second - first**2, 0.0)))
+    return result
+
+
+def _probabilities(acc, rivals):
+    """Probability of none, and of every rival."""
+    first = not (acc.signatures or acc.readings or len(acc.member.effects) > len(
+        acc.bases[acc.best].effects))
+    alone = PRIOR_NONE if first else PRIOR_LAST
+    prior = np.array([rival.prior for rival in rivals])
+    share = probabilities([np.log(alone), *(
+        np.log((1.0 - alone) * prior / prior.sum())
+        + [rival.log_bayes for rival in rivals])])
+    return share[0], share[1:]
+
+
+def _grouped(rivals, share):
+    """Numbers of the rivals of each effect, most probable first: columns are rivals in
+    where an effect comes from, not in what it is.
+    """
+    groups = {}
+    for number in np.argsort(-share):
+        groups.setdefault(rivals[number].effect.name, []).append(number)
+    return list(groups.values())
 
 
 def _either(columns):
@@ -129,84 +203,79 @@ def _either(columns):
                        [*columns[:2], f"{len(columns) - 2} others"])
 
 
-def _share(acc, effect, symbol):
-    """Prior of an effect, relative to others: ranges are seldom wrong, numbers often.
-    """
-    ranged = effect == "wrong_parameter" and all(
-        p.free for h in acc.hypotheses for p in h.parameters if p.symbol == symbol)
-    return 0.1 if ranged else 1.0
+def _with_best(scene, plain, acc, best, signature):
+    """The account with the best effect in it."""
+    if signature is not None:
+        return account(scene, acc.bases, acc.hypotheses, (*acc.signatures, signature),
+                       acc.readings, acc)
+    if plain is not scene and best.effect.model:
+        return account(scene, acc.bases,
+                       [h.with_effect(best.effect) for h in acc.hypotheses],
+                       acc.signatures, acc.readings, acc)
+    return best.account
 
 
-def _fits(effect, acc, scene):
+def _has_room(effect, acc, scene):
     """Is there room for a process or jumps that are not there yet?"""
-    symbols = [p.symbol for p in acc.hypotheses[0].parameters]
-    if any(s.startswith(effect.name + ".") for s in symbols):
+    if any(one.effect.name == effect.name for one in acc.member.effects):
         return False
     more = dict(bias_instability=len(flicker_times(scene))).get(
-        effect.name, effect.kind == "process")
+        effect.name, bool(effect.model))
     return max(_states(h, scene.dt) for h in acc.hypotheses) + more <= 6
 
 
 def _states(h, dt):
-    return bank(h, dt, [[p.mean for p in h.parameters]]).m0.shape[1]
+    return len(h.filter(dt, np.array([p.mean for p in h.parameters])).m0)
 
 
-def _account_parameters(effect, acc):
-    """Mean and standard deviation of an effect's parameters over all hypotheses."""
-    share = probabilities([s.log_evidence[0] for s in acc.samples])
-    symbols = [p.symbol for p in acc.hypotheses[0].parameters
-               if p.symbol.startswith(effect + ".")]
-    result = {}
-    for symbol in symbols:
-        first = second = 0.0
-        for h, sample, part in zip(acc.hypotheses, acc.samples, share):
-            value = _value(h, sample.theta, symbol)
-            first += part * sample.weight @ value
-            second += part * sample.weight @ value**2
-        result[symbol.split(".")[1]] = (float(first),
-                                        float(np.sqrt(max(second - first**2, 0.0))))
-    return result
-
-
-OFF = 1000.0    # a wrong parameter is wrong by less than this factor
-
-
-def wrong_parameters(scene, acc):
-    """Accounts in which one parameter of the simulator may leave its bounds.
+def _with_wrong_parameters(scene, acc, effect):
+    """Rivals in which one parameter of the simulator may leave its bounds.
 
     A range is left alone unless the record pushes against one of its ends.
     """
-    for symbol in dict.fromkeys(p.symbol for h in acc.hypotheses for p in h.parameters
-                                if "." not in p.symbol):
-        pushed, new = False, []
-        for h, sample in zip(acc.hypotheses, acc.samples):
-            symbols = [p.symbol for p in h.parameters]
-            if symbol not in symbols or h.parameters[symbols.index(symbol)].high <= 0.0:
-                new.append(h)
-                continue
-            at = symbols.index(symbol)
-            p, value, w = h.parameters[at], sample.theta[:, at], sample.weight
-            mean = w @ value
-            sd = np.sqrt(w @ (value - mean)**2)
-            near = min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd
-            pushed |= near or not p.free
-            wide = Parameter(symbol, (p.low or 1e-3 * p.high) / OFF, p.high * OFF, True)
-            new.append(h._replace(parameters=(
-                *h.parameters[:at], wide, *h.parameters[at + 1:])))
-        if pushed:
-            wide = account(scene, acc.bases, new, acc.signatures, acc.readings)
-            yield symbol, wide, _factor(symbol, acc, wide)
+    symbols = dict.fromkeys(p.symbol for h in acc.hypotheses
+                            for p in h.hypothesis.parameters)
+    for symbol in symbols:
+        widened = [_widened(h, sample, symbol, effect.factor)
+                   for h, sample in zip(acc.hypotheses, acc.samples)]
+        if not any(pushed for _, pushed in widened):
+            continue
+        wide = account(scene, acc.bases, [h for h, _ in widened], acc.signatures,
+                       acc.readings)
+        ranged = all(p.free for h in acc.hypotheses for p in h.parameters
+                     if p.symbol == symbol)
+        yield _Rival(effect, symbol, _log_bayes(wide, acc), account=wide,
+                     values=dict(parameter=(symbol, 0.0),
+                                 factor=_factor(symbol, acc, wide)),
+                     prior=RANGE_WRONG if ranged else 1.0)
+
+
+def _column(h, symbol):
+    """Number of a parameter of the base of a hypothesis, or None."""
+    return next((column for column, p in enumerate(h.hypothesis.parameters)
+                 if p.symbol == symbol and p.high > 0.0), None)
+
+
+def _widened(h, sample, symbol, factor):
+    """The hypothesis with a wide prior of one parameter; does the record push for it?
+    """
+    column = _column(h, symbol)
+    if column is None:
+        return h, False
+    base, p = h.hypothesis, h.parameters[column]
+    mean, sd = sample.mean[column], sample.sd()[column]
+    pushed = not p.free or (
+        min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd)
+    wide = Parameter(symbol, (p.low or 1e-3 * p.high) / factor, p.high * factor, True)
+    return h._replace(hypothesis=base._replace(parameters=(
+        *base.parameters[:column], wide, *base.parameters[column + 1:]))), pushed
 
 
 def _factor(symbol, acc, wide):
     """A parameter over what the simulator has, or its nearest end: mean, sd."""
-    symbols = [p.symbol for p in wide.hypotheses[wide.best].parameters]
-    if symbol not in symbols:
+    column = _column(wide.member, symbol)
+    if column is None:
         return 1.0, 0.0
-    at = symbols.index(symbol)
-    p, sample = acc.hypotheses[wide.best].parameters[at], wide.samples[wide.best]
-    value = sample.theta[:, at]
-    mean = sample.weight @ value
-    sd = np.sqrt(sample.weight @ (value - mean)**2)
+    p, mean = acc.hypotheses[wide.best].parameters[column], wide.sample.mean[column]
     reference = np.clip(mean, p.low, p.high) or 1.0
-    return float(mean / reference), float(sd / reference)
+    return float(mean / reference), float(wide.sample.sd()[column] / reference)

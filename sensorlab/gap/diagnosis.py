@@ -1,17 +1,18 @@
-"""Where a record differs from a simulator, which effect causes it, how far adding that
-effect closes the gap.
+"""Where a record differs from a simulator, which effect causes it, and how far adding
+that effect closes the gap.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import LOG_2PI, simulate
-from sensorlab.gap.effects import BLOCK, CATALOGUE, Scene
-from sensorlab.gap.account import Account, account
-from sensorlab.gap.causes import Cause, look
-from sensorlab.gap.readings import readings, with_quantization, without_readings
+from sensorid import LOG_2PI, brief, simulate
+from sensorlab.gap.account import Account, account, as_simulated, fixed
+from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.causes import UNKNOWN, Cause, further_causes
+from sensorlab.gap.effects import BLOCK, Found, Scene, Simulator, members, signature_of
 from sensorlab.gap.places import TRIALS, Gap, distance
+from sensorlab.gap.readings import readings, without_readings
 
 
 class Diagnosis(NamedTuple):
@@ -19,12 +20,13 @@ class Diagnosis(NamedTuple):
     shrinks.
     """
 
-    scene: Scene
+    scene: Scene             # less what the simulator's own signatures add
     verdict: str             # an effect ("a+b" for two), none, unknown or undecided
     causes: tuple            # of Cause, most probable first; none and unknown are there
+    known: tuple             # of Found: signatures that the simulator has
     base: Account            # the simulator as it was
     final: Account           # with the effects that were found
-    found: tuple             # of Cause: these effects, in the order found
+    found: tuple             # of Found: these effects, in the order found
     before: Gap
     after: Gap
     rms_before: float        # of what stood out, standard deviations; 1 is no gap
@@ -35,30 +37,14 @@ class Diagnosis(NamedTuple):
     held_out: tuple          # HeldOut; None where nothing was found to foretell from
     needed_duration: float   # s; NaN unless undecided
 
+    __repr__ = brief
 
-PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
-MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
-SURE = 0.5              # what is named is more probable than not
-OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on
-UNEXPECTED = 3.0        # standard deviations of the mean: a bias the simulator lacks
-ROUNDING = 1e5          # a prior this much wider than the record tells nothing
+
+MAX_EFFECTS = 3         # beside readings, looked for one after another
 LOOK_ON = 0.2           # p-value from which on no second process is looked for
-MOST = 3                # effects beside readings, looked for one after another
 
 
-def unknown_probability(p_value):
-    """That something is still missing, from the p-value of what is left.
-
-    -ln p is exponential: of mean 1 where nothing is missing, of mean MISSING_NATS
-    where something is (T. Sellke, M. Bayarri, J. Berger, "Calibration of p values",
-    Am. Stat. 55, 2001).
-    """
-    log_odds = (np.log(PRIOR_UNKNOWN / (1.0 - PRIOR_UNKNOWN) / MISSING_NATS)
-                - (1.0 - 1.0 / MISSING_NATS) * np.log(p_value))
-    return float(1.0 / (1.0 + np.exp(-log_odds)))
-
-
-def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
+def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
              progress=None):
     """Where a record differs from a simulator, which effect causes it, how far adding
     that effect closes the gap.
@@ -69,8 +55,8 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
         Sensor error, u, evenly sampled; NaN marks a missing sample.
     dt : float
         Sampling interval, s.
-    hypotheses : sequence of Hypothesis
-        The simulator: it draws one of them with equal probability.
+    simulator : Simulator, or sequence of Hypothesis
+        Draws one of its hypotheses with equal probability.
     columns : dict of (N,) arrays, optional
         What was recorded beside the error; `CATALOGUE` names what is looked for.
     effects : sequence of Effect, optional
@@ -88,115 +74,110 @@ def diagnose(y, dt, hypotheses, columns=None, effects=None, trials=None, seed=0,
     ------
     ValueError
         If the record is too short, constant or not finite, a column does not fit it,
-        or a hypothesis is no sum of one-state processes.
+        a hypothesis is no sum of one-state processes, or the simulator has effects
+        that cannot be in one.
     """
     y = np.asarray(y, float)
     columns = {name: np.asarray(x, float) for name, x in (columns or {}).items()}
     check_scene(y, dt, columns)
-    if not hypotheses:
-        raise ValueError("a simulator without a hypothesis: at least one is needed")
     effects = tuple(CATALOGUE.values() if effects is None else effects)
-    full = scene = Scene(y, dt, columns)
+    tell = _steps(progress)
+
+    full, known, bases = _without_known(_simulator(simulator), Scene(y, dt, columns))
+    base = account(full, bases)
+    before = distance(full, base, trials, seed)
+    tell()
+    scene, start = _without_readings(full, base)
+    search = _search(full, scene, start, effects, before, trials, seed, tell)
+    causes = _causes(search, start, before)
+    verdict = verdict_of(causes)
+    final = search.account
+    gain = (final.log_evidence - start.log_evidence) / max(np.sum(~np.isnan(scene.y)),
+                                                           1)
+    more = final.signatures or len(final.member.effects) > len(start.member.effects)
+    result = Diagnosis(
+        full, verdict, causes, known, base, final, search.path.found, before,
+        search.after, *closure(before, search.after), float(gain),
+        held_out(full, start, final, trials or TRIALS // 2, seed + 2) if more or
+        final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis else None,
+        needed_duration(causes, full) if verdict == "undecided" else np.nan)
+    tell(last=True)
+    return result
+
+
+def _steps(progress):
+    """A function that tells of one more step, or of the last."""
     done = iter(range(1, 100))
 
     def tell(last=False):
         if progress:
-            number = next(done)
-            progress(MOST + 3 if last else number, MOST + 3)
-    bases, mean = tuple(hypotheses), abs(float(np.nanmean(y)))
+            progress(MAX_EFFECTS + 3 if last else next(done), MAX_EFFECTS + 3)
+    return tell
+
+
+def augmented(d):
+    """The `Simulator` of a diagnosis with the effects that were found: ranges of the
+    base have the posterior's mean and standard deviation, the rest are numbers.
+    """
+    # a uniform range of this half-width has that standard deviation
+    width = np.sqrt(3.0) * d.final.sample.sd(d.final.theta)
+    (h,), (effects,) = as_simulated(d.final, d.scene, d.after.theta, width)
+    return Simulator((h,), ((*d.known, *effects),))
+
+
+# ---- the simulator, and the record less what is known
+
+UNEXPECTED = 3.0        # standard deviations of the mean: a bias the simulator lacks
+ROUNDING = 1e5          # a prior this much wider than the record tells nothing
+
+
+def _simulator(simulator):
+    """A `Simulator` from one, or from hypotheses; refuse what cannot be diagnosed."""
+    if not isinstance(simulator, Simulator):
+        simulator = Simulator(tuple(simulator))
+    if not simulator.hypotheses:
+        raise ValueError("a simulator without a hypothesis: at least one is needed")
+    sets = [effects for _, effects in simulator.pairs]
+    if any(other != sets[0] for other in sets):
+        raise ValueError("the hypotheses of the simulator have different effects: "
+                         "diagnose takes one set for all")
+    for one in sets[0]:
+        if one.effect.reading:
+            raise ValueError(f"the simulator has {one.name}, which a record shows by "
+                             "itself: take it out to diagnose one")
+        if one.effect.columns and any(getattr(p, "free", False)
+                                      for p in one.values.values()):
+            raise ValueError(f"{one.name} of the simulator has a range: "
+                             "diagnose needs a number")
+    return simulator
+
+
+def _without_known(simulator, scene):
+    """The scene less the signatures that the simulator has, these, and the members of
+    the simulator with a bias that the record may have.
+    """
+    known = tuple(one for one in simulator.pairs[0][1] if one.effect.columns)
+    y = scene.y
+    for one in known:
+        if one.column and one.column not in scene.columns:
+            raise ValueError(f"{one.name} of the simulator needs a column {one.column}:"
+                             " beside the error is "
+                             f"{', '.join(scene.columns) or 'nothing'}")
+        y = y - signature_of(scene, one, {symbol: getattr(p, "low", p)
+                                          for symbol, p in one.values.items()})
+    scene = scene._replace(y=y)
+    bases, mean = members(simulator, scene), abs(float(np.nanmean(y)))
     # of two numbers in double precision, one must not drown the other
     most = ROUNDING * max(float(np.nanstd(y)), mean)
-    bases = tuple(h._replace(bias_sigma=min(h.bias_sigma, most)) for h in bases)
-    if mean > UNEXPECTED * expected_mean(bases, dt, len(y)):
+    bases = tuple(_with_bias(h, min(h.bias_sigma, most)) for h in bases)
+    if mean > UNEXPECTED * expected_mean(bases, scene.dt, len(y)):
         # a bias that the simulator does not expect must not pass for an effect
-        bases = tuple(h._replace(bias_sigma=max(h.bias_sigma, mean)) for h in bases)
-    base = acc = start = account(scene, bases)
-    before = distance(scene, base, trials, seed)
-    tell()
-
-    known = readings(scene)
-    found = [Cause(r.effect, "", 1.0, float(r.log_bayes),
-                   {name: (v, 0.0) for name, v in r.value.items()}) for r in known]
-    if known:
-        scene = scene._replace(y=without_readings(y[None], known)[0])
-        inner = bases
-        for r in known:
-            if r.effect == "quantization":
-                inner = tuple(with_quantization(h, r.value["lsb"]) for h in inner)
-        acc = start = account(scene, bases, inner, (), known)
-    leaves, share = {}, 1.0    # every set of effects as a Cause; probability so far
-
-    after = distance(full, acc, trials, seed + 1) if found else before
-    while len(found) < len(known) + MOST and not any(r.opaque for r in known):
-        # a process shows in the undirected statistics, if it is there; jumps may not
-        step = look(scene, acc, effects, not found or after.p_value < LOOK_ON)
-        tell()
-        if step.account is not None:
-            best = next(c for c in step.causes if c.effect != "none")
-            leaves = _followed(leaves, step, best)
-        for c in step.causes:
-            listed = found if c.effect == "none" else [*found, c]
-            one = _joined(listed, share * c.probability)
-            if one.effect not in leaves or leaves[one.effect].probability < \
-                    one.probability:
-                leaves[one.effect] = one
-        if step.account is None:
-            break
-        acc, found = step.account, [*found, best]
-        after = distance(full, acc, trials, seed + 1)
-        share *= best.probability
-        leaves.pop(_joined(found, share).effect)
-    else:
-        one = _joined(found, share)
-        leaves[one.effect] = one
-    tell(last=True)
-
-    # what stands out only beside an added effect speaks against that effect
-    unknown = (PRIOR_UNKNOWN / MISSING_NATS if any(r.opaque for r in known)
-               else unknown_probability(max(before.p_value, after.p_value)))
-    total = sum(c.probability for c in leaves.values())
-    causes = [c._replace(probability=float((1.0 - unknown) * c.probability / total))
-              for c in leaves.values()]
-    causes.append(Cause("unknown", "", unknown, 0.0, {}))
-    if "none" not in leaves:
-        causes.append(Cause("none", "", 0.0, 0.0, {}))
-    causes.sort(key=lambda c: -c.probability)
-    verdict = verdict_of(causes)
-    gain = (acc.log_evidence - start.log_evidence) / max(np.sum(~np.isnan(scene.y)), 1)
-    return Diagnosis(full, verdict, tuple(causes), base, acc, tuple(found), before,
-                     after, *closure(before, after), float(gain),
-                     held_out(full, start, acc, trials or TRIALS // 2, seed + 2)
-                     if acc.signatures or acc.hypotheses != start.hypotheses else None,
-                     needed_duration(causes, full) if verdict == "undecided"
-                     else np.nan)
+        bases = tuple(_with_bias(h, max(h.bias_sigma, mean)) for h in bases)
+    return scene, known, bases
 
 
-def verdict_of(causes):
-    """The first cause if it is more probable than not, or else every effect that is, in
-    whatever company (the median probability model; M. Barbieri, J. Berger, "Optimal
-    predictive model selection", Ann. Stat. 32, 2004).
-    """
-    if causes[0].probability >= SURE:
-        return causes[0].effect
-    present = {}
-    for c in causes:
-        for effect in dict.fromkeys(c.effect.split("+")):
-            present[effect] = present.get(effect, 0.0) + c.probability
-    return "+".join(e for e, p in present.items() if p >= SURE) or "undecided"
-
-
-def _followed(leaves, step, best):
-    """Rivals of what has been found, once a further effect has been: they lack it as
-    much as the account did to which it was added, unless it is theirs.
-    """
-    alone = next(c.probability for c in step.causes if c.effect == "none")
-    result = {}
-    for one in leaves.values():
-        result[one.effect] = one._replace(probability=alone * one.probability)
-        if one.effect != "none" and best.effect not in one.effect.split("+"):
-            both = _joined([one, best], (1.0 - alone) * one.probability)
-            result[both.effect] = both
-    return result
+def _with_bias(h, bias_sigma):
+    return h._replace(hypothesis=h.hypothesis._replace(bias_sigma=bias_sigma))
 
 
 def expected_mean(hypotheses, dt, samples):
@@ -208,16 +189,32 @@ def expected_mean(hypotheses, dt, samples):
     return float(np.sqrt(np.mean(means**2)))
 
 
+def _without_readings(full, base):
+    """The scene and the account less what readings of the record hide."""
+    read = readings(full)
+    if not read:
+        return full, base
+    scene = full._replace(y=without_readings(full.y[None], read)[0])
+    inside = tuple(one._replace(values=fixed(**one.values)) for r in read
+                   for one in [r.found] if one.effect.model)
+    return scene, account(scene, base.bases, tuple(
+        h._replace(effects=h.effects + inside) for h in base.bases), (), read)
+
+
+MIN_SAMPLES = 64    # fewer tell no effect from the noise
+
+
 def check_scene(y, dt, columns):
     """Refuse what cannot be diagnosed."""
     if y.ndim != 1 or not (np.isfinite(dt) and dt > 0.0):
         raise ValueError(f"a record of shape {y.shape} at {dt} s: "
                          "one row of samples and an interval > 0 are needed")
     seen = y[~np.isnan(y)]
-    if len(seen) < SHORTEST or np.isinf(y).any() or np.ptp(seen) == 0.0:
+    if len(seen) < MIN_SAMPLES or np.isinf(y).any() or np.ptp(seen) == 0.0:
         raise ValueError(f"the record has {len(seen)} samples, "
-                         f"{len(np.unique(seen))} different ones: at least {SHORTEST} "
-                         "finite ones that are not all the same are needed")
+                         f"{len(np.unique(seen))} different ones: at least "
+                         f"{MIN_SAMPLES} finite ones that are not all the same are "
+                         "needed")
     check_columns(y, columns)
 
 
@@ -230,26 +227,131 @@ def check_columns(y, columns):
                              f"{len(y)} numbers are needed, one for every sample")
 
 
-SHORTEST = 64    # samples; fewer tell no effect from the noise
+# ---- one more effect at a time
+
+class _Search(NamedTuple):
+    """How far the search for effects has come."""
+
+    account: Account
+    path: Cause       # what has been found, with the probability of having gone there
+    leaves: dict      # name of a set of effects -> Cause: where the search could stop
+    after: Gap
 
 
-def _joined(found, probability):
-    """Several effects as one `Cause`, with their names before their parameters'; one
-    found again is number 2.
+def _search(full, scene, start, effects, before, trials, seed, tell):
+    """`_Search` from an account on, until nothing more is found."""
+    acc = start
+    path = Cause(tuple(r.found for r in start.readings), 1.0,
+                 sum(r.log_bayes for r in start.readings))
+    most = len(path.found) + MAX_EFFECTS
+    leaves, after = {}, before
+    if path.found:
+        after = distance(full, acc, trials, seed + 1)
+    while len(path.found) < most and not any(r.opaque for r in start.readings):
+        # a process shows in the undirected statistics, if it is there; jumps may not
+        look = further_causes(scene, acc, effects,
+                              not path.found or after.p_value < LOOK_ON)
+        tell()
+        leaves = _with_leaves(leaves, path, look)
+        if look.account is None:
+            return _Search(acc, path, leaves, after)
+        best = next(c for c in look.causes if c.found)
+        acc, path = look.account, _joined(path, best)
+        leaves.pop(path.effect)
+        after = distance(full, acc, trials, seed + 1)
+    return _Search(acc, path, {**leaves, path.effect: path}, after)
+
+
+def _joined(path, cause):
+    """A set of effects and one more."""
+    return Cause(path.found + cause.found, path.probability * cause.probability,
+                 path.log_bayes + cause.log_bayes)
+
+
+def _with_leaves(leaves, path, look):
+    """The sets of effects where a search could stop, after one more look.
+
+    Rivals of what is found now lack it as much as the account did to which it is added,
+    unless it is theirs.
     """
-    parameters = {}
-    for c in found:
-        for name, value in c.parameters.items():
-            effect, _, own = name.rpartition(".")
-            effect = effect or (c.effect if len(found) > 1 else "")
-            number, key = 1, name if not effect else f"{effect}.{own}"
-            while key in parameters:
-                number += 1
-                key = f"{effect}_{number}.{own}"
-            parameters[key] = value
-    return Cause("+".join(c.effect for c in found) or "none",
-                 "+".join(filter(None, (c.column for c in found))),
-                 probability, sum(c.log_bayes for c in found), parameters)
+    result = dict(leaves)
+    if look.account is not None:
+        alone = next(c.probability for c in look.causes if not c.found)
+        best = next(c for c in look.causes if c.found)
+        result = {}
+        for one in leaves.values():
+            result[one.effect] = one._replace(probability=alone * one.probability)
+            if one.found and best.effect not in one.effects:
+                both = Cause(one.found + best.found, (1.0 - alone) * one.probability,
+                             one.log_bayes + best.log_bayes)
+                result[both.effect] = both
+    for cause in look.causes:
+        one = _joined(path, cause)
+        if (one.effect not in result
+                or result[one.effect].probability < one.probability):
+            result[one.effect] = one
+    return result
+
+
+# ---- verdict
+
+PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
+MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
+SURE = 0.5              # what is named is more probable than not
+
+
+def unknown_probability(p_value):
+    """That something is still missing, from the p-value of what is left.
+
+    -ln p is exponential: of mean 1 where nothing is missing, of mean MISSING_NATS
+    where something is (T. Sellke, M. Bayarri, J. Berger, "Calibration of p values",
+    Am. Stat. 55, 2001).
+    """
+    log_odds = (np.log(PRIOR_UNKNOWN / (1.0 - PRIOR_UNKNOWN) / MISSING_NATS)
+                - (1.0 - 1.0 / MISSING_NATS) * np.log(p_value))
+    return float(1.0 / (1.0 + np.exp(-log_odds)))
+
+
+def _causes(search, start, before):
+    """All sets of effects, none and unknown among them, most probable first."""
+    # what stands out only beside an added effect speaks against that effect
+    unknown = (PRIOR_UNKNOWN / MISSING_NATS if any(r.opaque for r in start.readings)
+               else unknown_probability(max(before.p_value, search.after.p_value)))
+    total = sum(c.probability for c in search.leaves.values())
+    causes = [c._replace(probability=float((1.0 - unknown) * c.probability / total))
+              for c in search.leaves.values()]
+    causes.append(Cause((Found(UNKNOWN),), unknown, 0.0))
+    if "none" not in search.leaves:
+        causes.append(Cause((), 0.0, 0.0))
+    return tuple(sorted(causes, key=lambda c: -c.probability))
+
+
+def verdict_of(causes):
+    """The first cause if it is more probable than not, or else every effect that is, in
+    whatever company (the median probability model; M. Barbieri, J. Berger, "Optimal
+    predictive model selection", Ann. Stat. 32, 2004).
+    """
+    if causes[0].probability >= SURE:
+        return causes[0].effect
+    present = {}
+    for c in causes:
+        for effect in dict.fromkeys(c.effects or ("none",)):
+            present[effect] = present.get(effect, 0.0) + c.probability
+    return "+".join(e for e, p in present.items() if p >= SURE) or "undecided"
+
+
+def needed_duration(causes, scene):
+    """Record length, s, at which the two best causes would be told apart, if their log
+    odds grew as they did.
+    """
+    first, second = (c.probability for c in causes[:2])
+    odds = max(np.log(first / max(second, 1e-12)), 0.5)
+    return float(scene.duration * max(3.0 / odds, 1.0))
+
+
+# ---- how far it closes
+
+OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on
 
 
 def closure(before, after):
@@ -284,58 +386,50 @@ class HeldOut(NamedTuple):
     closed_interval: tuple
 
 
-LAGS = 32    # samples back that the flexible regression looks
-
-
 def held_out(scene, start, final, trials=None, seed=0):
     """`HeldOut` of an account with effects against that without; None where one of them
     begins in the last third.
     """
     cut = 2 * len(scene.y) // 3
-    full, scene = scene, scene._replace(
-        y=without_readings(scene.y[None], final.readings)[0])
-    known = {p.symbol: value for p, value in zip(
-        final.hypotheses[final.best].parameters, final.theta)
-        if p.symbol == "noise_step.onset"}
-    if any(onset > cut * scene.dt for onset in known.values()) or any(
+    onsets = {key: value for key, value in zip(final.member.keys, final.theta)
+              if key in final.member.onsets}
+    if any(onset > cut * scene.dt for onset in onsets.values()) or any(
             not s.columns[:cut].any() for s in final.signatures):
         return None
-    head = Scene(scene.y[:cut], scene.dt,
+    seen = scene._replace(y=without_readings(scene.y[None], final.readings)[0])
+    head = Scene(seen.y[:cut], scene.dt,
                  {name: x[:cut] for name, x in scene.columns.items()})
-    score, ratio, gaps = [], [], []
+    gaps = []
     for acc in (start, final):
-        hypotheses = [h._replace(parameters=tuple(
-            p._replace(low=known[p.symbol], high=known[p.symbol])
-            if p.symbol in known else p for p in h.parameters)) for h in acc.hypotheses]
-        fit = account(head, acc.bases, hypotheses, tuple(
-            s._replace(columns=s.columns[:cut]) for s in acc.signatures),
-            acc.readings, None if known else acc)
-        gap = distance(full, fit._replace(signatures=acc.signatures), trials, seed, cut)
-        score.append(gap.log_score[cut:])
-        ratio.append(float(np.sqrt(np.nanmean(gap.z[cut:]**2))))
-        gaps.append(gap)
+        fit = account(head, acc.bases, [h.fixed(onsets) for h in acc.hypotheses],
+                      tuple(s._replace(columns=s.columns[:cut])
+                            for s in acc.signatures),
+                      acc.readings, None if onsets else acc)
+        gaps.append(distance(scene, fit._replace(signatures=acc.signatures), trials,
+                             seed, cut))
+    score = [gap.log_score[cut:] for gap in gaps]
+    ratio = [float(np.sqrt(np.nanmean(gap.z[cut:]**2))) for gap in gaps]
+    return HeldOut(float(np.nanmean(score[1] - score[0])),
+                   _flexible_gain(seen, cut, score[0]), *ratio, *closure(*gaps))
+
+
+LAGS = 32    # samples back that the flexible regression looks
+
+
+def _flexible_gain(scene, cut, score):
+    """Log score of a regression on the samples before and all columns, over that of
+    another model `score` (N - cut,), nats a sample; NaN where there is too little data.
+    """
     back = np.column_stack([np.ones_like(scene.y), *scene.columns.values(), *(
         np.roll(scene.y, lag) for lag in range(1, LAGS + 1))])
-    whole = ~np.isnan(back).any(1) & ~np.isnan(scene.y) & (
-        np.arange(len(scene.y)) >= LAGS)
+    whole = ~np.isnan(back).any(1) & ~np.isnan(scene.y)
+    whole[:LAGS] = False
     early, late = whole.copy(), whole.copy()
     early[cut:], late[:cut] = False, False
-    reference = np.nan
-    if early.sum() > 2 * back.shape[1] and late.any():
-        c, *_ = np.linalg.lstsq(back[early], scene.y[early])
-        variance = np.sum((scene.y - back @ c)[early]**2) / (
-            early.sum() - back.shape[1])
-        density = -0.5 * (LOG_2PI + np.log(variance)
-                          + (scene.y - back @ c)[late]**2 / variance)
-        reference = float(np.mean(density - score[0][late[cut:]]))
-    return HeldOut(float(np.nanmean(score[1] - score[0])), reference, *ratio,
-                   *closure(*gaps))
-
-
-def needed_duration(causes, scene):
-    """Record length, s, at which the two best causes would be told apart, if their log
-    odds grew as they did.
-    """
-    first, second = (c.probability for c in causes[:2])
-    odds = max(np.log(first / max(second, 1e-12)), 0.5)
-    return float(scene.duration * max(3.0 / odds, 1.0))
+    if early.sum() <= 2 * back.shape[1] or not late.any():
+        return np.nan
+    c, *_ = np.linalg.lstsq(back[early], scene.y[early])
+    residual = scene.y - back @ c
+    variance = np.sum(residual[early]**2) / (early.sum() - back.shape[1])
+    density = -0.5 * (LOG_2PI + np.log(variance) + residual[late]**2 / variance)
+    return float(np.mean(density - score[late[cut:]]))

@@ -1,4 +1,10 @@
-"""Evidence of a hypothesis by adaptive importance sampling."""
+"""Evidence of a hypothesis, Eq. (11), by adaptive importance sampling.
+
+One evidence, two engines: `identify` zooms a grid, exact for the few parameters of a
+hypothesis; effects add parameters until a grid of them is too large, so that
+`integrate` draws nodes from laws that learn where the posterior is. A test holds the
+one against the other.
+"""
 
 import math
 from typing import NamedTuple
@@ -7,8 +13,8 @@ import numpy as np
 from numba import njit, prange
 from scipy.special import logsumexp, ndtr, ndtri
 
-from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, free_columns
-from sensorlab.gap.filters import ABREAST, _value, _with_constants
+from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tempered
+from sensorlab.gap.filters import ABREAST, with_constants
 
 
 class Sample(NamedTuple):
@@ -20,28 +26,91 @@ class Sample(NamedTuple):
     log_likelihood: np.ndarray  # (M, E), of E rival explanations
     log_evidence: np.ndarray    # (E,)
 
+    __repr__ = brief
+
     @property
     def weight(self):
         """Posterior weights over all explanations, (M,)."""
-        w = self.log_weight + logsumexp(self.log_likelihood, axis=1)
-        w = np.exp(w - w.max())
-        return w / w.sum()
+        return normalized(self.log_weight + logsumexp(self.log_likelihood, axis=1))
+
+    @property
+    def mean(self):
+        """Posterior mean (p,)."""
+        return self.weight @ self.theta
+
+    def sd(self, about=None):
+        """Root mean square distance (p,) from the mean, or from a value (p,)."""
+        about = self.mean if about is None else about
+        return np.sqrt(self.weight @ (self.theta - about)**2)
+
+    @property
+    def law(self):
+        """Mean (d,) and covariance (d, d) in the coordinates of `integrate`."""
+        return moments(self.weight, self.x)
+
+    def nodes(self, count, explanation=None):
+        """Theta (count, p) at even quantiles of the weights, of one explanation or all.
+        """
+        w = self.weight if explanation is None else normalized(
+            self.log_weight + self.log_likelihood[:, explanation])
+        at = np.searchsorted(np.cumsum(w), (np.arange(count) + 0.5) / count)
+        return self.theta[np.minimum(at, len(w) - 1)]
 
 
-POINTS = 2 * GROUP    # of a round; the bank takes whole groups
-ROUNDS = 18       # at most
-ENOUGH = 60.0     # effective points at which the evidence is good to 0.13 nat
-LOST = 4          # rounds after which a mode is climbed if none has been found
-MISSED = 2.0      # nats that a mode is above all points of a sample that missed it
-STEP = 1e-2       # of numerical derivatives, in standard deviations of the prior: wide
-                  # enough to pass over the roughness that a mixture filter has
+def normalized(log_weight):
+    """Weights that sum to 1."""
+    w = np.exp(log_weight - log_weight.max())
+    return w / w.sum()
 
 
-HOPELESS = 3.0    # nats below a rival: what the mean evidence would hardly notice
+def moments(w, x):
+    """Mean (d,) and covariance (d, d) of points x (M, d) of weights w."""
+    return w @ x, np.atleast_2d(np.cov(x.T, aweights=w, ddof=0))
+
+
+ROUND = 2 * GROUP         # points of a round; the bank takes whole groups
+MAX_ROUNDS = 18
+ENOUGH_POINTS = 60.0      # effective ones at which the evidence is good to 0.13 nat
+CLIMB_AFTER = 4           # rounds in which no mode was found
+MISSED_NATS = 2.0         # that a mode is above all points of a sample that missed it
+HOPELESS_NATS = 3.0       # below a rival: what the mean evidence would hardly notice
+NOTHING = -1e100          # log-likelihood where a filter breaks down
+
+
+class _Points(NamedTuple):
+    """Points of a sample and what is known there."""
+
+    x: np.ndarray                 # (M, d)
+    theta: np.ndarray             # (M, p)
+    moved: np.ndarray             # (M,) ln prior there over that of what was mapped
+    log_likelihood: np.ndarray    # (M, E)
+
+    @property
+    def total(self):
+        """Log-likelihood over all explanations, (M,)."""
+        return logsumexp(self.log_likelihood, axis=1)
+
+    @property
+    def log_posterior(self):
+        """Up to a constant, (M,)."""
+        return self.total + self.moved - 0.5 * (self.x**2).sum(1)
+
+    def log_weight(self, proposals):
+        """ln prior over the mixture of all proposals (count, log density), (M,)."""
+        log_q = logsumexp([np.log(n) + law(self.x) for n, law in proposals], axis=0)
+        return self.moved + _log_normal(self.x) - log_q
+
+    def joined(self, others):
+        return _Points(*map(np.concatenate, zip(self, others)))
+
+
+def _log_normal(x):
+    """Log density of N(0, I) at x (M, d)."""
+    return -0.5 * (x * x).sum(1) - 0.5 * x.shape[1] * LOG_2PI
 
 
 def _log_t(x, mean, chol, nu=5.0):
-    """Log density of a multivariate Student t, up to a constant of d and nu."""
+    """Log density of a multivariate Student t."""
     e = np.linalg.inv(chol) @ (x - mean).T
     d = len(mean)
     return (-0.5 * (nu + d) * np.log1p((e * e).sum(0) / nu)
@@ -83,82 +152,94 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         theta, moved = at_quantiles(parameters, ndtr(x)), np.zeros(len(x))
         if move is not None:
             theta, moved = move(theta)
-        # where a filter breaks down nothing is explained
         ll = log_likelihood(theta)
-        return theta, moved, np.where(np.isfinite(ll), ll, -1e100)
+        return _Points(x, theta, moved, np.where(np.isfinite(ll), ll, NOTHING))
 
-    def log_posterior(x):
-        _, moved, ll = located(x)
-        return logsumexp(ll, axis=1) + moved - 0.5 * (x * x).sum(1)
     d = len(free_columns(parameters))
     if d == 0:
-        x = np.zeros((1, 0))
-        theta, moved, ll = located(x)
-        return Sample(theta, x, moved, ll, ll[0])
+        one = located(np.zeros((1, 0)))
+        return Sample(one.theta, one.x, one.moved, one.log_likelihood,
+                      one.log_likelihood[0])
     rng = np.random.default_rng(seed)
-    # Latin hypercube of the prior: few where a whole guess may do better
-    first = POINTS if guess is None or len(guess[0]) < d else POINTS // 4
-    strata = np.array([rng.permutation(first) for _ in range(d)]).T
-    x = ndtri((strata + rng.random(strata.shape)) / first)
-    parts = [(first, lambda x: -0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI)]
+    x, proposals = _first_points(d, guess, rng)
+    points, modes, missed = located(x), [], True
+    for attempt in range(MAX_ROUNDS):
+        log_weight = points.log_weight(proposals)
+        effective = 1.0 / np.sum(normalized(points.total + log_weight)**2)
+        found = effective >= 5.0 * (d + 1)
+        below = floor - logsumexp(points.total + log_weight)
+        if effective >= ENOUGH_POINTS or found and below > HOPELESS_NATS or (
+                attempt > CLIMB_AFTER + 1 and below > 3.0 * HOPELESS_NATS):
+            break
+        if attempt in (CLIMB_AFTER, CLIMB_AFTER + 1) and missed and not found:
+            start, height = _highest(points, modes)
+            modes.append(climb(lambda x: located(x).log_posterior, start))
+            top = located(modes[-1][0][None]).log_posterior[0]
+            missed = top > height + MISSED_NATS    # a second one may be missed, too
+            law = modes[-1]
+        else:
+            law = _next_law(points, log_weight, effective, found, modes)
+        x, density = _drawn(*law, rng)
+        proposals.append((ROUND, density))
+        points = points.joined(located(x))
+    log_weight = points.log_weight(proposals)
+    return Sample(points.theta, points.x, log_weight, points.log_likelihood, logsumexp(
+        points.log_likelihood + log_weight[:, None], axis=0))
 
-    def propose(mean, cov):
-        chol = np.linalg.cholesky(1.2 * cov + 1e-12 * np.eye(d))
-        parts.append((POINTS, lambda x: _log_t(x, mean, chol)))
-        return mean + (rng.standard_normal((POINTS, d)) @ chol.T
-                       / np.sqrt(rng.chisquare(5, (POINTS, 1)) / 5))
 
-    def log_weights():
-        log_q = logsumexp([np.log(n) + density(x) for n, density in parts], axis=0)
-        return moved - 0.5 * (x * x).sum(1) - 0.5 * d * LOG_2PI - log_q
+def _first_points(d, guess, rng):
+    """Points of a Latin hypercube of the prior, and of a guess if there is one; the
+    proposals that they come from.
+    """
+    # few of the prior where a whole guess may do better
+    count = ROUND if guess is None or len(guess[0]) < d else ROUND // 4
+    strata = np.array([rng.permutation(count) for _ in range(d)]).T
+    x = ndtri((strata + rng.random(strata.shape)) / count)
+    proposals = [(count, _log_normal)]
     if guess is not None:
         k = len(guess[0])
         mean, cov = np.zeros(d), np.eye(d)
         mean[:k], cov[:k, :k] = guess
-        x = np.vstack([x, propose(mean, cov)])
-    theta, moved, ll = located(x)
-    climbed, missed = [], True
-    for attempt in range(ROUNDS):
-        log_w = log_weights()
-        total = logsumexp(ll, axis=1)
-
-        def tempered(beta):
-            w = np.exp(beta * (total - total.max()) + log_w - log_w.max())
-            return w / w.sum(), w.sum()**2 / (w @ w)
-        w, effective = tempered(1.0)
-        found = effective >= 5.0 * (d + 1)
-        below = floor - logsumexp(total + log_w)
-        if effective >= ENOUGH or found and below > HOPELESS or (
-                attempt > LOST + 1 and below > 3.0 * HOPELESS):
-            break
-        if attempt in (LOST, LOST + 1) and missed and not found:
-            height = total + moved - 0.5 * (x * x).sum(1)
-            for mode, _ in climbed:    # where one was missed, a second one may be, too
-                height[((x - mode)**2).sum(1) < 1.0] = -np.inf
-            climbed.append(climb(log_posterior, x[height.argmax()]))
-            missed = log_posterior(climbed[-1][0][None])[0] > height.max() + MISSED
-            new = propose(*climbed[-1])
-        else:
-            low, beta = 0.0, 1.0
-            if not found and not climbed:
-                for _ in range(30):
-                    middle = 0.5 * (low + beta)
-                    low, beta = ((middle, beta) if tempered(middle)[1] > 5.0 * (d + 1)
-                                 else (low, middle))
-                w = tempered(low)[0]
-            mean, cov = w @ x, np.atleast_2d(np.cov(x.T, aweights=w, ddof=0))
-            if not found and climbed:    # few points tell little of their own spread
-                near = min(climbed, key=lambda m: ((m[0] - mean)**2).sum())
-                cov = (effective * cov + (d + 1) * near[1]) / (effective + d + 1)
-            new = propose(mean, cov)
-        x = np.vstack([x, new])
-        theta, moved, ll = (np.concatenate(pair) for pair in zip(
-            (theta, moved, ll), located(new)))
-    log_w = log_weights()
-    return Sample(theta, x, log_w, ll, logsumexp(ll + log_w[:, None], axis=0))
+        more, density = _drawn(mean, cov, rng)
+        x = np.vstack([x, more])
+        proposals.append((ROUND, density))
+    return x, proposals
 
 
-CLIMB = 12    # steps at most
+def _drawn(mean, cov, rng):
+    """A round of points from a Student t somewhat wider than a law, and its density."""
+    chol = np.linalg.cholesky(1.2 * cov + 1e-12 * np.eye(len(mean)))
+    x = mean + (rng.standard_normal((ROUND, len(mean))) @ chol.T
+                / np.sqrt(rng.chisquare(5, (ROUND, 1)) / 5))
+    return x, lambda x: _log_t(x, mean, chol)
+
+
+def _highest(points, modes):
+    """The most probable point away from modes that are known, and how probable."""
+    height = points.log_posterior
+    for mode, _ in modes:
+        height[((points.x - mode)**2).sum(1) < 1.0] = -np.inf
+    return points.x[height.argmax()], height.max()
+
+
+def _next_law(points, log_weight, effective, found, modes):
+    """Mean and covariance of what the points know of the posterior, or of a tempered
+    one as long as they know little.
+    """
+    d = points.x.shape[1]
+    w = normalized(points.total + log_weight)
+    if not found and not modes:
+        w = tempered(log_weight, points.total, 5.0 * (d + 1))[1]
+    mean, cov = moments(w, points.x)
+    if not found and modes:    # few points tell little of their own spread
+        near = min(modes, key=lambda m: ((m[0] - mean)**2).sum())
+        cov = (effective * cov + (d + 1) * near[1]) / (effective + d + 1)
+    return mean, cov
+
+
+MAX_CLIMB = 12    # steps
+DERIVATIVE_STEP = 1e-2    # in standard deviations of the prior: wide enough to pass
+                          # over the roughness that a mixture filter has
 DAMPING = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 13)])
 
 
@@ -169,20 +250,20 @@ def climb(log_posterior, x):
     1963); `log_posterior` takes (M, d), its prior is N(0, I).
     """
     d = len(x)
-    shift = STEP * np.eye(d)
+    shift = DERIVATIVE_STEP * np.eye(d)
     pairs = [(i, j) for i in range(d) for j in range(i)]
     stencil = np.vstack([np.zeros((1, d)), shift, -shift, *(
         [one * shift[i] + two * shift[j] for one in (1, -1) for two in (1, -1)]
         for i, j in pairs)])
-    for _ in range(CLIMB):
+    for _ in range(MAX_CLIMB):
         lp = log_posterior(x + stencil)
         up, down, cross = lp[1:1 + d], lp[1 + d:1 + 2 * d], lp[1 + 2 * d:]
         curvature = np.diag(2.0 * lp[0] - up - down)
         for (i, j), (a, b, c, e) in zip(pairs, cross.reshape(-1, 4)):
             curvature[i, j] = curvature[j, i] = 0.25 * (b + c - a - e)
-        width, axes = np.linalg.eigh(curvature / STEP**2)
+        width, axes = np.linalg.eigh(curvature / DERIVATIVE_STEP**2)
         width = np.maximum(np.abs(width), 1.0)    # the prior alone curves by 1
-        slope = axes.T @ (up - down) / (2.0 * STEP)
+        slope = axes.T @ (up - down) / (2.0 * DERIVATIVE_STEP)
         tries = x + (slope / (width + DAMPING[:, None])) @ axes.T
         height = log_posterior(tries)
         if height.max() < lp[0] + 0.1:
@@ -191,9 +272,9 @@ def climb(log_posterior, x):
     return x, axes @ np.diag(1.0 / width) @ axes.T
 
 
-STRAY = 0.1     # probability of an onset anywhere at all, in `onset_law`
-BIN = 16        # samples whose likeliest onset stands for all until one is drawn
-WILD = 25.0     # squared standard score from which on a sample may be an outlier
+STRAY_SHARE = 0.1       # probability of an onset anywhere at all
+ONSET_BIN = 16          # samples whose likeliest onset stands for all of them at first
+WILD_SQUARE = 25.0      # squared standard score of what may be an outlier
 
 
 @njit(**JIT)
@@ -211,35 +292,35 @@ def _draw_onset(gain, peak, u):
     """Onset, in samples, at the quantile u of a law of these log odds, and the log of
     its density over 1 / N; `peak` is the largest gain of every bin.
 
-    Drawn is a bin, then a sample in it; with the probability STRAY any sample.
+    Drawn is a bin, then a sample in it; with the probability STRAY_SHARE any sample.
     """
-    bins, stray, k, onset = np.exp(peak - peak.max()), u < STRAY, 0, 0.0
+    bins, stray, k, onset = np.exp(peak - peak.max()), u < STRAY_SHARE, 0, 0.0
     bins /= bins.sum()
     if stray:
-        onset = max(u / STRAY, 1e-9) * len(gain)
-        k = int(np.ceil(onset) - 1) // BIN
+        onset = max(u / STRAY_SHARE, 1e-9) * len(gain)
+        k = int(np.ceil(onset) - 1) // ONSET_BIN
     else:
-        k, u = _draw_one(bins, (u - STRAY) / (1.0 - STRAY))
-    inside = np.exp(gain[k * BIN:(k + 1) * BIN] - peak[k])
+        k, u = _draw_one(bins, (u - STRAY_SHARE) / (1.0 - STRAY_SHARE))
+    inside = np.exp(gain[k * ONSET_BIN:(k + 1) * ONSET_BIN] - peak[k])
     inside /= inside.sum()
     if not stray:
         at, u = _draw_one(inside, u)
-        onset = k * BIN + at + u
-    share = bins[k] * inside[int(np.ceil(onset)) - 1 - k * BIN]
-    return onset, np.log((1.0 - STRAY) * share * len(gain) + STRAY)
+        onset = k * ONSET_BIN + at + u
+    share = bins[k] * inside[int(np.ceil(onset)) - 1 - k * ONSET_BIN]
+    return onset, np.log((1.0 - STRAY_SHARE) * share * len(gain) + STRAY_SHARE)
 
 
 @njit(parallel=True, **JIT)
-def _draw_onsets(y, H, a, q, p0, r, ratio, u):
+def _draw_onsets(y, H, a, q, p0, early, late, u):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
     the log of their density over 1 / N; ABREAST nodes side by side.
 
-    The filter of the early noise, of variance r (M,), up to a sample and that of the
-    late one, of variance r ratio^2, from there on nearly give the likelihood of every
-    onset 1 ... N - 1 at once.
+    The filter of the noise of variance early (M,) up to a sample and that of the noise
+    of variance late (M,) from there on nearly give the likelihood of every onset
+    1 ... N - 1 at once.
     """
     M, n, N = len(a), a.shape[1], len(y)
-    onset, density, bins = np.empty(M), np.zeros(M), (N - 2) // BIN + 1
+    onset, density, bins = np.empty(M), np.zeros(M), (N - 2) // ONSET_BIN + 1
     for group in prange((M + ABREAST - 1) // ABREAST):
         first, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
         A, Q = np.zeros((n, ABREAST)), np.zeros((n, ABREAST))
@@ -248,11 +329,11 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
         noise, f, nu = np.ones(ABREAST), np.empty(ABREAST), np.empty(ABREAST)
         last, log_f, weight = np.zeros((3, ABREAST))
         gain = np.zeros((N, ABREAST))
-        for late in range(2):
+        for changed in range(2):
             P[:], x[:] = 0.0, 0.0
             for g in range(number):
                 node = first + g
-                noise[g] = r[node] * (ratio[node]**2 if late else 1.0)
+                noise[g] = late[node] if changed else early[node]
                 for s in range(n):
                     A[s, g], Q[s, g] = a[node, s], q[node, s]
                     P[s, s, g] = p0[node, s]
@@ -279,8 +360,9 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
                         # a law to draw from need not be exact
                         last[g], log_f[g] = f[g], np.log(f[g])
                     square = nu[g] * nu[g] / f[g]
-                    gain[i, g] += (late - 0.5) * (log_f[g] + min(square, WILD))
-                    weight[g] = 1.0 / f[g] if square < WILD else 0.0
+                    gain[i, g] += (changed - 0.5) * (
+                        log_f[g] + min(square, WILD_SQUARE))
+                    weight[g] = 1.0 / f[g] if square < WILD_SQUARE else 0.0
                 for s in range(n):
                     for g in range(ABREAST):
                         x[s, g] += Ph[s, g] * nu[g] * weight[g]
@@ -291,7 +373,7 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
         for i in range(N - 1):
             for g in range(ABREAST):
                 gain[i, g] += gain[i - 1, g] if i else 0.0
-                peak[i // BIN, g] = max(peak[i // BIN, g], gain[i, g])
+                peak[i // ONSET_BIN, g] = max(peak[i // ONSET_BIN, g], gain[i, g])
         for g in range(number):
             onset[first + g], density[first + g] = _draw_onset(
                 gain[:N - 1, g], peak[:, g], u[first + g])
@@ -300,23 +382,22 @@ def _draw_onsets(y, H, a, q, p0, r, ratio, u):
 
 def onset_law(h, scene, signatures):
     """How `integrate` draws the onset of a change of noise; None if there is none."""
-    symbols = [p.symbol for p in h.parameters]
-    if "noise_step.onset" not in symbols:
+    if not h.onsets or not h.parameters[h.keys.index(h.onsets[0])].free:
         return None
-    at = symbols.index("noise_step.onset")
+    at = h.keys.index(h.onsets[0])
     low, high = h.parameters[at].low, h.parameters[at].high
-    if low == high:
-        return None
+
+    def at_onset(theta, onset):
+        theta = theta.copy()
+        theta[:, at] = onset
+        return theta
 
     def moved(theta):
         """Theta with its onset at the quantile of that law that it has in the prior."""
-        early = theta.copy()
-        early[:, at] = scene.duration
-        v, H = _with_constants(h, scene, signatures, early)
+        early, H = with_constants(h, scene, signatures, at_onset(theta, scene.duration))
+        late, _ = with_constants(h, scene, signatures, at_onset(theta, 0.0))
         onset, density = _draw_onsets(
-            scene.y, H, v.a, v.q, v.p0, v.r[:, 0], _value(h, theta, "noise_step.ratio"),
+            scene.y, H, *early[:3], early.r[:, 0], late.r[:, -1],
             (theta[:, at] - low) / (high - low))
-        theta = theta.copy()
-        theta[:, at] = onset * scene.dt
-        return theta, -density
+        return at_onset(theta, onset * scene.dt), -density
     return moved

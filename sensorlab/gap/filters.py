@@ -1,5 +1,8 @@
-"""Likelihood: Gaussian through the bank, jumps and signatures through filters of their
-own.
+"""Filters of a hypothesis with effects: likelihood, innovations, and the backward pass.
+
+Signatures and the bias are constants of a wide prior. Where all is Gaussian the bank of
+`sensorid` gives the likelihood, and one backward pass serves every further signature.
+Outliers and a level of two values take a filter of their own, one Gaussian a level.
 """
 
 import math
@@ -9,8 +12,8 @@ import numpy as np
 from numba import njit, prange
 from scipy.special import ndtri
 
-from sensorid import JIT, LOG_2PI, bank, filter_bank, is_modal
-from sensorlab.gap.effects import Effect
+from sensorid import JIT, LOG_2PI, Modes, bank, brief, filter_bank, modes
+from sensorlab.gap.effects import Found
 
 ABREAST = 8    # pairs of a record and a node that go through a filter side by side
 
@@ -239,7 +242,7 @@ def _adjoint(y, observed, a, q, p0, r):
 
 
 @njit(parallel=True, **JIT)
-def _products(rows, columns):
+def row_products(rows, columns):
     """rows @ columns.T, without a second set of threads that would get in the way."""
     M, N = rows.shape
     result = np.zeros((M, len(columns)))
@@ -259,48 +262,14 @@ def _products(rows, columns):
     return result
 
 
-class Nodes(NamedTuple):
-    """A hypothesis at M values of its parameters, as the mixture filter takes it."""
-
-    a: np.ndarray          # (M, n)
-    q: np.ndarray          # (M, n)
-    p0: np.ndarray         # (M, n)
-    r: np.ndarray          # (M, 1 or N)
-    outlier: np.ndarray    # (M, 2)
-    jump: np.ndarray       # (M, 2)
-
-
-def _value(h, theta, symbol):
-    """A parameter by name; 0 where the hypothesis does not have it."""
-    for column, p in enumerate(h.parameters):
-        if p.symbol == symbol:
-            return theta[:, column]
-    return np.zeros(len(theta))
-
-
-def _nodes(h, dt, theta):
-    b = bank(h, dt, theta)
-    if not is_modal(b):
-        raise ValueError(f"{h.name} is no sum of independent one-state processes: "
-                         "only such hypotheses can be diagnosed")
-    a, q = (np.diagonal(m[:, 0], 0, 1, 2) for m in (b.Phi, b.Q))
-    outlier = np.column_stack([_value(h, theta, "outliers.rate"),
-                               _value(h, theta, "outliers.sigma")**2])
-    dwell = _value(h, theta, "random_telegraph.dwell")
-    p = 0.5 * -np.expm1(-2.0 * dt / np.where(dwell > 0, dwell, np.inf))
-    jump = np.column_stack([p, 0.5 * _value(h, theta, "random_telegraph.size")])
-    return Nodes(a, q, np.diagonal(b.P0, 0, 1, 2), b.r, outlier, jump)
-
-
 class Signature(NamedTuple):
-    """A signature that has been found, with the prior of its size."""
+    """An effect that has been found, as columns, with the prior of its size."""
 
-    effect: Effect
-    column: str
-    variant: str
-    psi: float
+    found: Found
     columns: np.ndarray    # (N, k)
     sd: float              # of its size, a priori: wide
+
+    __repr__ = brief
 
 
 class Predicted(NamedTuple):
@@ -311,61 +280,100 @@ class Predicted(NamedTuple):
     odd: np.ndarray               # (R, M, N) probability of an outlier
     log_score: np.ndarray         # (R, M, N) ln of the predictive density
 
+    __repr__ = brief
 
-def _with_constants(h, scene, signatures, theta):
-    """`Nodes` with the bias and the sizes of signatures as further processes, and what
+
+def processes(h, scene, theta):
+    """The one-state processes that a hypothesis is the sum of at theta (M, p)."""
+    own = modes(bank(h, scene.dt, theta))
+    if own is None:
+        raise ValueError(f"{h.name} is no sum of independent one-state processes: "
+                         "only such hypotheses can be diagnosed")
+    return own
+
+
+def constants(h, signatures):
+    """Prior variances of the bias and of the sizes of all signature columns."""
+    return np.concatenate([[h.bias_sigma**2], *(
+        np.full(s.columns.shape[1], s.sd**2) for s in signatures)])
+
+
+def with_constants(h, scene, signatures, theta):
+    """`Modes` with the bias and the sizes of signatures as further processes, and what
     observes them, (N, n).
     """
-    v = _nodes(h, scene.dt, theta)
-    S = [s.columns for s in signatures]
-    k, M = 1 + sum(s.shape[1] for s in S), len(theta)
-    H = np.column_stack([np.ones((len(scene.y), v.a.shape[1] + 1)), *S])
-    sd = np.concatenate([[h.bias_sigma],
-                         *(np.full(s.columns.shape[1], s.sd) for s in signatures)])
-    return v._replace(a=np.hstack([v.a, np.ones((M, k))]),
-                      q=np.hstack([v.q, np.zeros((M, k))]),
-                      p0=np.hstack([v.p0, np.tile(sd**2, (M, 1))])), H
+    own, M = processes(h, scene, theta), len(theta)
+    variance = constants(h, signatures)
+    k = len(variance)
+    H = np.column_stack([np.ones((len(scene.y), own.a.shape[1] + 1)),
+                         *(s.columns for s in signatures)])
+    return Modes(np.hstack([own.a, np.ones((M, k))]),
+                 np.hstack([own.q, np.zeros((M, k))]),
+                 np.hstack([own.p0, np.tile(variance, (M, 1))]), own.r), H
 
 
-def _filtered(h, scene, signatures, theta, y, rows):
+def filtered(h, scene, signatures, theta, y, rows):
     """Log-likelihoods (R, M) of records y (R, N) like that of the scene, and what
-    `_mixture_filter` writes of their samples, (R, M, rows, N).
+    `_mixture_filters` writes of their samples, (R, M, rows, N).
     """
-    v, H = _with_constants(h, scene, signatures, theta)
+    own, H = with_constants(h, scene, signatures, theta)
+    jumps = h.jumps(theta)
     out = np.full((len(y), len(theta), rows, y.shape[1]), np.nan)
-    return _mixture_filters(y, H, v.a, v.q, v.p0, v.r, v.outlier, v.jump, out), out
+    return _mixture_filters(y, H, *own, np.column_stack(jumps[:2]),
+                            np.column_stack(jumps[2:]), out), out
 
 
 def predict(h, scene, signatures, theta, y=None):
     """`Predicted` of the record of a scene, or of others like it, y (R, N)."""
-    total, out = _filtered(h, scene, signatures, theta,
-                           scene.y[None] if y is None else y, 4)
-    z, above = out[:, :, 0], out[:, :, 1]
-    if _has_jumps(h):
-        with np.errstate(divide="ignore"):
-            z = np.where(z < above, ndtri(z), -ndtri(above))
-    return Predicted(total, np.clip(z, -37.0, 37.0), out[:, :, 2], out[:, :, 3])
+    total, out = filtered(h, scene, signatures, theta,
+                          scene.y[None] if y is None else y, 4)
+    z = out[:, :, 0]
+    if h.has_jumps:
+        z = normal_score(z, out[:, :, 1])
+    return Predicted(total, np.clip(z, -SCORE_LIMIT, SCORE_LIMIT), out[:, :, 2],
+                     out[:, :, 3])
 
 
-def _has_jumps(h):
-    return any(p.symbol.startswith(("outliers.", "random_telegraph."))
-               for p in h.parameters)
+SCORE_LIMIT = 37.0    # standard deviations: no normal score of double precision lies
+                      # further out
 
 
-def _log_likelihoods(h, scene, signatures, theta):
+def normal_score(below, above):
+    """Normal score of a value with these probabilities below and above it."""
+    with np.errstate(divide="ignore"):
+        return np.where(below < above, ndtri(below), -ndtri(above))
+
+
+def log_likelihoods(h, scene, signatures, theta):
     """ln f(Y / theta) (M,): through the bank, unless there are jumps."""
-    if _has_jumps(h):
-        return _filtered(h, scene, signatures, theta, scene.y[None], 0)[0][0]
-    gram = _gram(h, scene, [scene.y, *(c for s in signatures for c in s.columns.T)],
-                 theta)
-    variance = np.concatenate([
-        *(np.full(s.columns.shape[1], s.sd**2) for s in signatures),
-        [max(h.bias_sigma, 1e-9)**2]])
-    A = gram.products[:, 1:, 1:] + np.diag(1.0 / variance)
-    b = gram.products[:, 1:, 0]
-    explained = (b[:, None] @ np.linalg.solve(A, b[..., None]))[:, 0, 0]
-    return -0.5 * (gram.count * LOG_2PI + gram.log_det + np.log(variance).sum()
-                   + np.linalg.slogdet(A)[1] + gram.products[:, 0, 0] - explained)
+    if h.has_jumps:
+        return filtered(h, scene, signatures, theta, scene.y[None], 0)[0][0]
+    columns = [scene.y, *(c for s in signatures for c in s.columns.T)]
+    variance = constants(h, signatures)
+    gram = products(h, scene, columns, theta)
+    return marginal(gram.products, gram.log_det, gram.count, np.append(
+        variance[1:], variance[0])).log_likelihood
+
+
+class Marginal(NamedTuple):
+    """A likelihood with constants integrated out, and what is known of them."""
+
+    log_likelihood: np.ndarray    # (M,)
+    size: np.ndarray              # (M, c) expectations of the constants
+    covariance: np.ndarray        # (M, c, c)
+
+
+def marginal(gram, log_det, count, variance):
+    """`Marginal` from products (M, 1 + c, 1 + c) of a record and c columns, whose
+    constants are N(0, variance).
+    """
+    root, c = np.sqrt(variance), len(variance)
+    inner = np.eye(c) + root[:, None] * gram[:, 1:, 1:] * root
+    covariance = root[:, None] * np.linalg.inv(inner) * root
+    size = (covariance @ gram[:, 1:, :1])[..., 0]
+    chi2 = gram[:, 0, 0] - (gram[:, 1:, 0] * size).sum(1)
+    return Marginal(-0.5 * (count * LOG_2PI + log_det + np.linalg.slogdet(inner)[1]
+                            + chi2), size, covariance)
 
 
 class Gram(NamedTuple):
@@ -376,28 +384,35 @@ class Gram(NamedTuple):
     products: np.ndarray    # (M, c + 1, c + 1)
 
 
-def _gram(h, scene, columns, theta):
-    """`Gram` of columns by polarization: 2 c'd = (c + d)'(c + d) - c'c - d'd."""
-    c, gap = len(columns), np.isnan(scene.y)
-    pairs = [(i, j) for i in range(c) for j in range(i)]
+def products(h, scene, columns, theta):
+    """`Gram` of columns, of which there are few."""
     # of one size: a sum must not lose the smaller of two columns
-    size = np.array([np.sqrt(np.nansum(column**2) / len(gap)) or 1.0
+    size = np.array([np.sqrt(np.nansum(column**2) / len(column)) or 1.0
                      for column in columns])
-    columns = np.array(columns) / size[:, None]
-    rows = np.array([*columns, *(columns[i] + columns[j] for i, j in pairs)])
-    sums = next(filter_bank(bank(h, scene.dt, theta), np.where(gap, np.nan, rows),
-                            [len(scene.y)]))
-    products = np.empty((len(theta), c + 1, c + 1))
-    products[:, c, c] = sums.information
+    c = len(columns)
+    pairs = [(i, j) for i in range(c) for j in range(i)]
+    sums, cross = polarized(h, scene, np.array(columns) / size[:, None], pairs, theta)
+    result = np.empty((len(theta), c + 1, c + 1))
+    result[:, c, c] = sums.information
     for i in range(c):
-        products[:, i, i] = sums.chi2[i]
-        products[:, i, c] = products[:, c, i] = sums.score[i]
-    for chi2, (i, j) in zip(sums.chi2[c:], pairs):
-        products[:, i, j] = products[:, j, i] = 0.5 * (
-            chi2 - sums.chi2[i] - sums.chi2[j])
+        result[:, i, i] = sums.chi2[i]
+        result[:, i, c] = result[:, c, i] = sums.score[i]
+    for product, (i, j) in zip(cross, pairs):
+        result[:, i, j] = result[:, j, i] = product
     size = np.append(size, 1.0)
-    products *= size[:, None] * size
-    return Gram(sums.count, sums.log_det, products)
+    return Gram(sums.count, sums.log_det, result * size[:, None] * size)
+
+
+def polarized(h, scene, rows, pairs, theta):
+    """`Sums` of rows (c, N) and products r' C^-1 s of pairs of them (P, M), by
+    2 r's = (r + s)'(r + s) - r'r - s's: the bank gives squares only.
+    """
+    both = [rows[i] + rows[j] for i, j in pairs]
+    rows = np.where(np.isnan(scene.y), np.nan, np.array([*rows, *both]))
+    sums = next(filter_bank(bank(h, scene.dt, theta), rows, [len(scene.y)]))
+    cross = [0.5 * (chi2 - sums.chi2[i] - sums.chi2[j])
+             for chi2, (i, j) in zip(sums.chi2[len(rows) - len(pairs):], pairs)]
+    return sums, np.array(cross).reshape(len(pairs), len(theta))
 
 
 class Solved(NamedTuple):
@@ -410,24 +425,18 @@ class Solved(NamedTuple):
     steps: np.ndarray      # (M, N)
     size: np.ndarray       # (M, c) sizes of the columns known already
 
+    __repr__ = brief
+
 
 def solve(h, scene, signatures, theta):
     """`Solved` of a hypothesis without jumps."""
     y = np.where(np.isnan(scene.y), 0.0, scene.y)
     observed = 1.0 - np.isnan(scene.y)
-    X = np.vstack([np.ones_like(y), *(s.columns.T for s in signatures)])
-    var = np.concatenate([[max(h.bias_sigma, 1e-9)**2],
-                          *(np.full(s.columns.shape[1], s.sd**2) for s in signatures)])
-    v = _nodes(h, scene.dt, theta)
-    w, steps, log_det = _adjoint(np.vstack([y, X]), observed, *v[:4])
+    X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
+    w, steps, log_det = _adjoint(X, observed, *processes(h, scene, theta))
     M, c, N = w.shape
-    product = _products(w.reshape(-1, N), np.vstack([X, y])).reshape(M, c, c)
-    A = np.diag(1.0 / var) + product[:, 1:, :-1]
-    cov = np.linalg.inv(A)
-    b = product[:, 0, :-1]
-    size = np.einsum("mij,mj->mi", cov, b)
-    chi2 = product[:, 0, -1] - (b * size).sum(1)
-    base = -0.5 * (observed.sum() * LOG_2PI + log_det + np.log(var).sum()
-                   + np.linalg.slogdet(A)[1] + chi2)
-    residual = w[:, 0] - np.einsum("mj,mji->mi", size, w[:, 1:])
-    return Solved(base, residual, w[:, 1:], cov, steps, size)
+    gram = row_products(w.reshape(-1, N), X).reshape(M, c, c)
+    known = marginal(gram, log_det, observed.sum(), constants(h, signatures))
+    residual = w[:, 0] - np.einsum("mj,mji->mi", known.size, w[:, 1:])
+    return Solved(known.log_likelihood, residual, w[:, 1:], known.covariance, steps,
+                  known.size)

@@ -1,25 +1,25 @@
-"""A diagnosis as a table for people and as JSON for programs."""
+"""A diagnosis as a table for people, and as JSON for programs."""
 
 import numpy as np
 
-from sensorlab.gap.effects import CATALOGUE, _curved
-from sensorlab.gap.causes import LISTED
-from sensorlab.gap.places import FAR, UNITS
+from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.causes import LISTED_FROM
 from sensorlab.gap.diagnosis import LAGS, SURE
+from sensorlab.gap.places import FAR_OUT, UNITS
 
 
-def _finite(x):
+def finite(x):
     """A value for JSON: None for a number that there is not."""
     if isinstance(x, dict):
-        return {name: _finite(v) for name, v in x.items()}
+        return {name: finite(v) for name, v in x.items()}
     if isinstance(x, (list, tuple, np.ndarray)):
-        return [_finite(v) for v in x]
+        return [finite(v) for v in x]
     if x is None or isinstance(x, (str, int)):
         return x
     return float(x) if np.isfinite(x) else None
 
 
-def _outstanding(gap):
+def outstanding(gap):
     """Of every place the statistic that stands out most, largest first."""
     places = np.array(gap.statistics.place)
     best = [int(np.flatnonzero(places == place)[
@@ -31,7 +31,7 @@ def _outstanding(gap):
 def report(d, record):
     """Contents of report.json for a diagnosis of a `Record`."""
     s = d.before.statistics
-    return _finite(dict(
+    return finite(dict(
         record=dict(file=record.file, column=record.column, samples=len(record.error),
                     dt=record.dt),
         verdict=d.verdict,
@@ -45,21 +45,30 @@ def report(d, record):
                     after=abs(float(d.after.distance[i])),
                     p_value=d.before.p_place[s.place[i]],
                     residual_p_value=d.after.p_place[s.place[i]])
-               for i in _outstanding(d.before)],
+               for i in outstanding(d.before)],
         causes=[dict(effect=c.effect, column=c.column or None,
                      probability=c.probability, log_bayes_factor=c.log_bayes,
-                     parameters={k: dict(mean=v[0], sd=v[1])
-                                 for k, v in c.parameters.items()})
+                     parameters={name: dict(mean=mean, sd=sd) for name, (mean, sd)
+                                 in _mean_and_sd(c).items()})
                 for c in d.causes],
         needed_duration=d.needed_duration))
 
+
+def _mean_and_sd(cause):
+    """Parameters of a cause; those of a reading are seen, and have no spread."""
+    seen = {name for one in cause.found if one.effect.reading for name in one.values}
+    return {name: (value, 0.0) if name.rpartition(".")[2] in seen else value
+            for name, value in cause.parameters.items()}
+
+
+# ---- the table
 
 FACTORS = {9.80665: "g taken for m/s^2", 57.29578: "deg taken for rad",
            3600.0: "per hour taken for per second", 60.0: "per root hour taken for "
            "per root second", 1000.0: "milli left out"}
 
 
-def _looks_like(factor, sd, dt):
+def looks_like(factor, sd, dt):
     """What a wrong factor usually is."""
     named = {**FACTORS, 1.0 / dt: "the sampling rate",
              dt**-0.5: "root of the rate: a density taken for a per-sample sigma, or "
@@ -72,10 +81,45 @@ def _looks_like(factor, sd, dt):
     return ""
 
 
+def table(d, record, unit):
+    """The diagnosis as a table for a terminal."""
+    lines = [f"{record.file}, column {record.column}: {len(record.error)} samples at "
+             f"{record.dt:g} s; beside it: {', '.join(record.columns) or 'nothing'}",
+             *_verdict(d), *_causes(d, record.dt, unit), *_where(d), *_closed(d),
+             *_advice(d)]
+    return "\n".join(lines) + "\n"
+
+
+def _verdict(d):
+    yield f"verdict: {d.verdict}" + (
+        ", alone or with another effect" if d.causes[0].probability < SURE
+        and d.verdict != "undecided" else "")
+    if d.before.p_value > 0.05 and d.verdict == "none":
+        yield ("the simulator describes the record: a gap as large has the "
+               f"chance {d.before.p_value:.2g}")
+    elif d.before.p_value > 0.05:
+        yield ("no place stands out by itself (a gap as large has the chance "
+               f"{d.before.p_value:.2g}): only the search for each effect tells")
+    else:
+        yield (f"gap: {d.rms_before:.3g} standard deviations where it stands out "
+               f"(p = {d.before.p_value:.2g}; 1 is no gap)")
+
+
+def _causes(d, dt, unit):
+    shown = {c.effect + (f" ({c.column})" if c.column and c.column not in c.effect
+                         else ""): c for c in d.causes[:6]
+             if c.probability >= LISTED_FROM or c.effect in ("none", "unknown")}
+    width = max(map(len, shown)) + 2
+    yield f"{'cause':<{width}}probability    ln B  size, in {unit}, s, Hz"
+    for name, c in shown.items():
+        log_bayes = "" if c.effect in ("none", "unknown") else f"{c.log_bayes:.1f}"
+        yield f"{name:<{width}}{c.probability:>11.3f}{log_bayes:>8}  {_words(c, dt)}"
+
+
 def _words(c, dt):
     """Parameters of a cause as text."""
     parts = []
-    for name, (mean, sd) in c.parameters.items():
+    for name, (mean, sd) in _mean_and_sd(c).items():
         if isinstance(mean, list):
             shown = mean if len(mean) <= 2 else f"{len(mean)} of them"
             parts.append(f"{name} {shown}")
@@ -84,77 +128,46 @@ def _words(c, dt):
         else:
             parts.append(f"{name} {mean:.4g}" + (f" +- {sd:.2g}" if sd else ""))
     if c.effect == "wrong_parameter" and "factor" in c.parameters:
-        parts.append(_looks_like(*c.parameters["factor"], dt))
+        parts.append(looks_like(*c.parameters["factor"], dt))
     return ", ".join(filter(None, parts))
 
 
-def _table(d, record, unit):
-    """The diagnosis as a table for a terminal."""
-    lines = [f"{record.file}, column {record.column}: {len(record.error)} samples at "
-             f"{record.dt:g} s; beside it: {', '.join(record.columns) or 'nothing'}",
-             f"verdict: {d.verdict}"
-             + (", alone or with another effect" if d.causes[0].probability < SURE
-                and d.verdict != "undecided" else "")]
-    if d.before.p_value > 0.05 and d.verdict == "none":
-        lines.append("the simulator describes the record: a gap as large has the "
-                     f"chance {d.before.p_value:.2g}")
-    elif d.before.p_value > 0.05:
-        lines.append("no place stands out by itself (a gap as large has the chance "
-                     f"{d.before.p_value:.2g}): only the search for each effect tells")
-    else:
-        lines.append(f"gap: {d.rms_before:.3g} standard deviations where it stands out "
-                     f"(p = {d.before.p_value:.2g}; 1 is no gap)")
-    shown = {c.effect + (f" ({c.column})" if c.column and c.column not in c.effect
-                         else ""): c for c in d.causes[:6]
-             if c.probability >= LISTED or c.effect in ("none", "unknown")}
-    width = max(map(len, shown)) + 2
-    lines.append(f"{'cause':<{width}}probability    ln B  size, in {unit}, s, Hz")
-    for name, c in shown.items():
-        log_bayes = "" if c.effect in ("none", "unknown") else f"{c.log_bayes:.1f}"
-        lines.append(f"{name:<{width}}{c.probability:>11.3f}{log_bayes:>8}  "
-                     + _words(c, record.dt))
-    lines.append(f"{'where':<16}{'at':<30}{'before':>8}{'after':>8}{'p':>10}"
-                 "   standard deviations")
+def _where(d):
+    yield (f"{'where':<16}{'at':<30}{'before':>8}{'after':>8}{'p':>10}"
+           "   standard deviations")
     s = d.before.statistics
-    for i in _outstanding(d.before):
+    for i in outstanding(d.before):
         before, after = (abs(g.distance[i]) for g in (d.before, d.after))
-        lines.append(f"{s.place[i]:<16}{_at(s, i):<30}{before:>8.1f}{after:>8.1f}"
-                     f"{d.before.p_place[s.place[i]]:>10.2g}")
+        yield (f"{s.place[i]:<16}{_at(s, i):<30}{before:>8.1f}{after:>8.1f}"
+               f"{d.before.p_place[s.place[i]]:>10.2g}")
+
+
+def _at(s, i):
+    """Where statistic number i looks, as text."""
+    (low, high), unit = s.at[i], s.column[i] or UNITS[s.place[i]]
+    if s.place[i] == "amplitude" and max(-low, high) >= FAR_OUT:
+        if high - low >= 2.0 * FAR_OUT:
+            return "all of it"
+        if low <= -FAR_OUT:
+            return f"below {high:.3g} {unit}"
+        return f"beyond {low:.3g} {unit}"
+    return (f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}") + f" {unit}"
+
+
+def _closed(d):
     if np.isfinite(d.closed):
-        lines.append(f"closed by adding {_added_names(d)}: {_percent(d)} of the gap, "
-                     f"{d.nats_per_sample:.2g} nats a sample; left: p = "
-                     f"{d.after.p_value:.2g}")
+        yield (f"closed by adding {added_names(d)}: {_percent(d)} of the gap, "
+               f"{d.nats_per_sample:.2g} nats a sample; left: p = "
+               f"{d.after.p_value:.2g}")
     if d.held_out:
         h = d.held_out
-        lines.append("the last third, by a fit of the others: "
-                     + (f"closed {_percent(h)}, " if np.isfinite(h.closed) else
-                        "nothing stands out, ")
-                     + f"{h.gain:+.2g} nats a sample (a regression on {LAGS} samples "
-                     f"and all columns: {h.reference:+.2g}); errors are "
-                     f"{h.ratio_before:.3g} of what is calculated before, "
-                     f"{h.ratio_after:.3g} after")
-    named = [c.effect for c in d.causes if c.effect in CATALOGUE][:2]
-    for name in named if d.verdict == "undecided" else named[:1]:
-        e = CATALOGUE[name]
-        if d.verdict != "none":
-            lines.append(f"{name} is confused with {e.resembles}; "
-                         f"to tell: {e.experiment}")
-    lines += [f"{one.effect.name} is that with the {one.variant} of {one.column}"
-              for one in d.final.signatures if one.effect.build is _curved]
-    for column in {s.column for s in d.final.signatures if s.column}:
-        low, high = _clusters(d.scene.columns[column])
-        if high:
-            lines.append(f"{column} is {low[0]:.4g} to {low[1]:.4g} or {high[0]:.4g} "
-                         f"to {high[1]:.4g}, never between: whatever else changed "
-                         "with it explains the record as well")
-    if d.verdict == "undecided":
-        lines.append(f"a record of about {float(f'{d.needed_duration:.2g}'):g} s would "
-                     "tell the first two apart, if the odds grow as they did")
-    if d.verdict == "unknown":
-        i = _outstanding(d.after)[0]
-        lines.append("what is left fits no effect of the catalogue: look at "
-                     f"{s.place[i].replace('_', ' ')}, {_at(s, i)}")
-    return "\n".join(lines) + "\n"
+        yield ("the last third, by a fit of the others: "
+               + (f"closed {_percent(h)}, " if np.isfinite(h.closed) else
+                  "nothing stands out, ")
+               + f"{h.gain:+.2g} nats a sample (a regression on {LAGS} samples "
+               f"and all columns: {h.reference:+.2g}); errors are "
+               f"{h.ratio_before:.3g} of what is calculated before, "
+               f"{h.ratio_after:.3g} after")
 
 
 def _percent(part):
@@ -163,17 +176,34 @@ def _percent(part):
     return f"{100 * part.closed:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
 
 
-def _at(s, i):
-    """Where statistic number i looks, as text."""
-    (low, high), unit = s.at[i], s.column[i] or UNITS[s.place[i]]
-    if s.place[i] == "amplitude" and max(-low, high) >= FAR:
-        if high - low >= 2.0 * FAR:
-            return "all of it"
-        return f"below {high:.3g} {unit}" if low <= -FAR else f"beyond {low:.3g} {unit}"
-    return (f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}") + f" {unit}"
+def _advice(d):
+    """What the effects are confused with, and what to do next."""
+    named = [c.effect for c in d.causes if c.effect in CATALOGUE][:2]
+    for name in named if d.verdict == "undecided" else named[:1]:
+        e = CATALOGUE[name]
+        if d.verdict != "none":
+            yield f"{name} is confused with {e.resembles}; to tell: {e.experiment}"
+    for s in d.final.signatures:
+        if s.found.variant:
+            yield (f"{s.found.name} is that with the {s.found.variant} of "
+                   f"{s.found.column}")
+    for column in {s.found.column for s in d.final.signatures if s.found.column}:
+        low, high = clusters(d.scene.columns[column])
+        if high:
+            yield (f"{column} is {low[0]:.4g} to {low[1]:.4g} or {high[0]:.4g} "
+                   f"to {high[1]:.4g}, never between: whatever else changed "
+                   "with it explains the record as well")
+    if d.verdict == "undecided":
+        yield (f"a record of about {float(f'{d.needed_duration:.2g}'):g} s would "
+               "tell the first two apart, if the odds grow as they did")
+    if d.verdict == "unknown":
+        i = outstanding(d.after)[0]
+        s = d.before.statistics
+        yield ("what is left fits no effect of the catalogue: look at "
+               f"{s.place[i].replace('_', ' ')}, {_at(s, i)}")
 
 
-def _clusters(x):
+def clusters(x):
     """Ends of the lower and the upper cluster of a column, the latter () if one is all:
     two are apart by more than half of the range.
     """
@@ -184,5 +214,6 @@ def _clusters(x):
     return (x[0], x[at]), (x[at + 1], x[-1])
 
 
-def _added_names(d):
-    return "+".join(c.effect for c in d.found) or "nothing"
+def added_names(d):
+    """The effects that were added, as one name."""
+    return "+".join(one.name for one in d.found) or "nothing"

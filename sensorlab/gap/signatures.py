@@ -1,30 +1,38 @@
-"""Signatures, something known times an unknown size: one backward pass serves all."""
+"""Signatures: columns known up to a size, of which one backward pass serves thousands.
 
+A family is one effect on one column of the record: the same signature at many values of
+its parameter psi (an onset, a frequency, a time constant) and in all its variants.
+"""
+
+import functools
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
 from scipy.special import logsumexp
 
-from sensorid import JIT, bank, filter_bank, probabilities
-from sensorlab.gap.effects import BLOCK, CATALOGUE, CYCLES, Effect, _sinusoid, _step
-from sensorlab.gap.filters import Signature, _nodes, _products, solve
+from sensorid import JIT, brief, probabilities, spectrum
+from sensorlab.gap.catalogue import CATALOGUE, MIN_CYCLES
+from sensorlab.gap.effects import BLOCK, Effect, Found, columns_of
 from sensorlab.gap.evidence import integrate, onset_law
+from sensorlab.gap.filters import Signature, polarized, processes, row_products, solve
 
-NODE_BLOCK = 8 * BLOCK    # the same for one record at many nodes; few leave cores idle
+NODE_BLOCK = 8 * BLOCK    # samples of one record at many nodes that are worked on at a
+                          # time; few leave cores idle
+
+# ---- Bayes factor of a size
+
 SIZES = 8.0 * 4.0**np.arange(9)    # v / sampling variance in the prior of a size, which
                                    # is most probable at sqrt(2 v): 4 to 1024 standard
                                    # errors, for less is not to be seen
+# the k-th has the probability 1 / k (k + 1): it falls like the universal prior of
+# integers (J. Rissanen, Ann. Stat. 11, 1983) and spends little on what needs no help
+LOG_PRIOR = -np.log(np.arange(1, len(SIZES) + 1) * np.arange(2, len(SIZES) + 2)
+                    * len(SIZES) / (len(SIZES) + 1))
+GAIN_ROOT = np.arange(0.0, 1000.0, 0.02)    # square roots of gains in the table
 
 
-_LOG_PRIOR = -np.log(np.arange(1, len(SIZES) + 1) * np.arange(2, len(SIZES) + 2)
-                     * len(SIZES) / (len(SIZES) + 1))
-
-
-_ROOT = np.arange(0.0, 1000.0, 0.02)    # square roots of gains in the table
-
-
-def _log_bayes(gain, k):
+def log_bayes(gain, k):
     """ln B of k sizes whose squared standard scores sum to `gain`, and ln of the prior,
     per v.
 
@@ -33,11 +41,14 @@ def _log_bayes(gain, k):
     D. Rossell, "On the use of non-local prior densities", J. R. Stat. Soc. B 72, 2010).
     """
     shrunk = np.multiply.outer(gain, SIZES / (1.0 + SIZES))
-    return (_LOG_PRIOR - (0.5 * k + 1.0) * np.log1p(SIZES) + 0.5 * shrunk
+    return (LOG_PRIOR - (0.5 * k + 1.0) * np.log1p(SIZES) + 0.5 * shrunk
             + np.log1p(shrunk / k))
 
 
-_TABLE = {k: np.logaddexp.reduce(_log_bayes(_ROOT**2, k), axis=-1) for k in (1, 2)}
+@functools.cache
+def bayes_table():
+    """ln B over all sizes at `GAIN_ROOT`, for one and for two columns."""
+    return {k: np.logaddexp.reduce(log_bayes(GAIN_ROOT**2, k), axis=-1) for k in (1, 2)}
 
 
 @njit(**JIT)
@@ -72,56 +83,115 @@ def _mean_bayes(gain, table, per_unit):
     return result - np.log(m)
 
 
-class Scan(NamedTuple):
+def mean_bayes(gain, table):
+    """ln of the mean Bayes factor over all psi, (M,), from gains (M, m)."""
+    return _mean_bayes(np.ascontiguousarray(gain), table, 1.0 / GAIN_ROOT[1])
+
+
+# ---- scores of all signatures of a family
+
+class Scores(NamedTuple):
     """Signatures of one effect at many values of psi, for M nodes."""
 
     psi: np.ndarray     # (m,)
     gain: np.ndarray    # (M, m) squared standard score of the size
     size: np.ndarray    # (M, m) least-squares size (of a sinusoid: amplitude)
     sd: np.ndarray      # (M, m) its standard error
-    k: int
+    k: int              # columns
+
+    __repr__ = brief
 
 
-def _from_columns(columns, psi, quadratic, solved):
-    """Scan of explicit (m, k, N) signatures; quadratic (M, m, k, k) = s' C^-1 s."""
-    m, k, N = columns.shape
-    flat = columns.reshape(-1, N)
+class Family(NamedTuple):
+    """One effect on one column of the record: the signatures to be tried."""
+
+    effect: Effect
+    column: str            # "" where none is needed
+    psi: np.ndarray = None        # (m,)
+    variant: tuple = ()           # (m,)
+    columns: np.ndarray = None    # (m, k, N); None for onsets and frequencies
+
+    __repr__ = brief
+
+
+PSI_COUNT = 16    # values of a psi that is neither onset nor frequency
+
+
+def families(scene, effects, signatures=()):
+    """What there is to be searched for in a scene."""
+    known = {(s.found.name, s.found.column) for s in signatures}
+    named = {c.column for c in CATALOGUE.values()}
+    result = []
+    for effect in effects:
+        if not effect.columns:
+            continue
+        beside = [""] if not effect.column else [
+            name for name, x in scene.columns.items() if np.std(x) > 0.0
+            and (name == effect.column or effect.column == "*" and name not in named)]
+        for column in beside:
+            if effect.search:
+                result.append(Family(effect, column))
+            elif (effect.name, column) not in known:
+                psi = [p.quantile(np.linspace(0.0, 1.0, PSI_COUNT))
+                       for p in effect.parameters(scene)]
+                result.append(explicit(scene, effect, column, [*psi, [np.nan]][0]))
+    return [f for f in result if f.columns is None or len(f.columns)]
+
+
+def explicit(scene, effect, column, psi):
+    """`Family` of the signatures at the given psi, in all variants."""
+    x = scene.columns.get(column)
+    parts = [(value, *part) for value in psi for part in effect.columns(scene, x, value)
+             if np.any(part[1])]
+    if any(p[2].shape not in ((len(scene.y), 1), (len(scene.y), 2)) for p in parts):
+        raise ValueError(f"effect {effect.name} builds columns of shape "
+                         f"{sorted({p[2].shape for p in parts})}: "
+                         f"({len(scene.y)}, 1) or ({len(scene.y)}, 2) are needed")
+    return Family(effect, column, np.array([p[0] for p in parts]),
+                  tuple(p[1] for p in parts), np.array([p[2].T for p in parts]))
+
+
+def scores(h, scene, family, theta, solved):
+    """`Scores` of all signatures of a family."""
+    if family.columns is None:
+        return SEARCHES[family.effect.search](h, solved, scene, theta)
+    return explicit_scores(family, quadratic(h, scene, family.columns, theta), solved)
+
+
+def explicit_scores(family, quadratic, solved):
+    """`Scores` of explicit signatures; quadratic (M, m, k, k) = s' C^-1 s."""
+    m, k, N = family.columns.shape
+    flat = family.columns.reshape(-1, N)
     M, c = solved.w.shape[:2]
-    cross = _products(solved.w.reshape(-1, N), flat).reshape(M, c, m, k)
+    cross = row_products(solved.w.reshape(-1, N), flat).reshape(M, c, m, k)
     J = quadratic - np.einsum("mcak,mcd,mdal->makl", cross, solved.cov, cross)
-    number = _products(solved.residual, flat).reshape(-1, m, k)
+    number = row_products(solved.residual, flat).reshape(-1, m, k)
     if k == 1:
         J = np.maximum(J[..., 0, 0], 1e-300)
         number = number[..., 0]
-        return Scan(psi, number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
+        return Scores(family.psi, number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
     J += 1e-9 * np.trace(J, axis1=2, axis2=3)[..., None, None] * np.eye(k)
     part = np.linalg.solve(J, number[..., None])[..., 0]
-    return Scan(psi, (number * part).sum(-1), np.sqrt((part**2).sum(-1)),
-                np.sqrt(k / np.trace(J, axis1=2, axis2=3)), k)
+    return Scores(family.psi, (number * part).sum(-1), np.sqrt((part**2).sum(-1)),
+                  np.sqrt(k / np.trace(J, axis1=2, axis2=3)), k)
 
 
-def _quadratic(h, scene, columns, theta):
-    """s' C^-1 s (M, m, k, k) of (m, k, N) columns, by polarization through the bank."""
+def quadratic(h, scene, columns, theta):
+    """s' C^-1 s (M, m, k, k) of (m, k, N) columns."""
     m, k, N = columns.shape
-    gap = np.isnan(scene.y)
-    flat = [columns[:, i] for i in range(k)]
+    pairs = [(i, i + 1) for i in range(0, m * k, 2)] if k == 2 else []
+    sums, cross = polarized(h, scene, columns.reshape(m * k, N), pairs, theta)
+    result = np.empty((len(theta), m, k, k))
+    for i in range(k):
+        result[..., i, i] = sums.chi2[i:m * k:k].T
     if k == 2:
-        flat.append(columns[:, 0] + columns[:, 1])
-    flat = np.where(gap, np.nan, np.concatenate(flat))
-    chi2 = next(filter_bank(bank(h, scene.dt, theta), flat, [N])).chi2
-    chi2 = np.moveaxis(chi2.reshape(-1, m, len(theta)), 2, 1)
-    if k == 1:
-        return chi2[0, :, :, None, None]
-    cross = 0.5 * (chi2[2] - chi2[0] - chi2[1])
-    return np.moveaxis(np.array([[chi2[0], cross], [cross, chi2[1]]]), (0, 1), (-2, -1))
+        result[..., 0, 1] = result[..., 1, 0] = cross.T
+    return result
 
 
-PADDING = 4    # frequencies per 1 / T
-
-
-def _scan_steps(solved, scene):
+def _onset_scores(h, solved, scene, theta):
     size, J = _step_sizes(solved.residual, solved.w, solved.cov, solved.steps)
-    return Scan(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
+    return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
 
 
 @njit(parallel=True, **JIT)
@@ -161,9 +231,7 @@ def _line_gains(line, turn, count, a, q, r):
         low, high = r[node, 0], r[node, -1]
         share = (r[node].mean() - low) / (high - low) if high != low else 0.0
         for j in range(m):
-            S = 0.0
-            for s in range(a.shape[1]):
-                S += q[node, s] / ((1.0 - a[node, s])**2 + a[node, s] * turn[j])
+            S = spectrum(a[node], q[node], turn[j])
             J = 0.5 * count * ((1.0 - share) / (S + low) + share / (S + high))
             square = line[node, j].real**2 + line[node, j].imag**2
             gain[node, j] = square / J
@@ -172,191 +240,142 @@ def _line_gains(line, turn, count, a, q, r):
     return gain, size, sd
 
 
-def _scan_frequencies(h, solved, scene, theta):
-    n, v = PADDING * len(scene.y), _nodes(h, scene.dt, theta)
-    keep = slice(CYCLES * PADDING, -PADDING)
+PADDING = 4    # frequencies per 1 / T
+
+
+def _frequency_scores(h, solved, scene, theta):
+    n, own = PADDING * len(scene.y), processes(h, scene, theta)
+    keep = slice(MIN_CYCLES * PADDING, -PADDING)
     frequency = np.fft.rfftfreq(n, scene.dt)[keep]
     line = np.fft.rfft(solved.residual, n)[:, keep]
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
-    return Scan(frequency, *_line_gains(line, turn, np.sum(~np.isnan(scene.y)), v.a,
-                                        v.q, v.r), 2)
+    return Scores(frequency, *_line_gains(line, turn, np.sum(~np.isnan(scene.y)), own.a,
+                                          own.q, own.r), 2)
 
 
-class Search(NamedTuple):
-    """One effect on one column: the signatures to be tried."""
-
-    effect: Effect
-    column: str            # "" where none is needed
-    psi: np.ndarray        # (m,)
-    variant: tuple         # (m,)
-    columns: np.ndarray    # (m, k, N); None for onsets and frequencies
+SEARCHES = dict(onset=_onset_scores, frequency=_frequency_scores)
 
 
-STEPS = 16    # values of a psi that is neither onset nor frequency
+# ---- evidence of the families, and the signature that is found
 
+def family_evidence(h, scene, signatures, listed, guess=None, table=None):
+    """`Sample` of a hypothesis with no further signature, and with one of each family.
 
-def searches(scene, effects, signatures=()):
-    """What there is to be searched for in a scene."""
-    found = {(s.effect.name, s.column) for s in signatures}
-    result = []
-    for e in effects:
-        if e.kind != "signature":
-            continue
-        columns = {"": None}
-        if e.column:
-            own = {c.column for c in CATALOGUE.values()}
-            columns = {name: x for name, x in scene.columns.items()
-                       if (name == e.column or e.column == "*" and name not in own)
-                       and np.std(x) > 0.0}
-        for name in columns:
-            if (e.name, name) in found and e.build not in (_step, _sinusoid):
-                continue
-            if e.build in (_step, _sinusoid):
-                result.append(Search(e, name, None, None, None))
-                continue
-            psi = [np.nan]
-            for p in e.parameters(scene):
-                psi = np.geomspace(p.low, p.high, STEPS)
-            result.append(_search(scene, e, name, psi))
-    return [r for r in result if r.columns is None or len(r.columns)]
-
-
-def _search(scene, effect, column, psi):
-    """`Search` of explicit signatures at the given psi."""
-    x = scene.columns.get(column)
-    parts = [(value, *part) for value in psi for part in effect.build(scene, x, value)
-             if np.any(part[1])]
-    if any(p[2].shape not in ((len(scene.y), 1), (len(scene.y), 2)) for p in parts):
-        raise ValueError(f"effect {effect.name} builds columns of shape "
-                         f"{sorted({p[2].shape for p in parts})}: "
-                         f"({len(scene.y)}, 1) or ({len(scene.y)}, 2) are needed")
-    return Search(effect, column, np.array([p[0] for p in parts]),
-                  tuple(p[1] for p in parts), np.array([p[2].T for p in parts]))
-
-
-def scan(h, scene, signatures, search, theta, solved):
-    """`Scan` of one search, or of several by the generic way."""
-    if search.effect.build is _step:
-        return _scan_steps(solved, scene)
-    if search.effect.build is _sinusoid:
-        return _scan_frequencies(h, solved, scene, theta)
-    return _from_columns(search.columns, search.psi,
-                         _quadratic(h, scene, search.columns, theta), solved)
-
-
-def signature_evidence(h, scene, signatures, list_of_searches, guess=None,
-                       table_of=None):
-    """Sample of a hypothesis with no further signature, and with each of a list.
-
-    table_of : dict of ln B against `_ROOT` for one and two sizes, by default _TABLE.
+    `table` is that of ln B, by default `bayes_table`.
     """
-    table_of = _TABLE if table_of is None else table_of
-    explicit = [s for s in list_of_searches if s.columns is not None]
+    table = table or bayes_table()
+    explicit_ones = [f for f in listed if f.columns is not None]
 
-    def all_of(theta):
+    def log_likelihood(theta):
         parts = np.array_split(theta, -(-len(theta) * len(scene.y) // NODE_BLOCK))
-        return np.vstack([log_likelihood_of(part) for part in parts if len(part)])
+        return np.vstack([of_part(part) for part in parts if len(part)])
 
-    def log_likelihood_of(theta):
+    def of_part(theta):
         solved = solve(h, scene, signatures, theta)
-        table = [solved.base]
-        quadratic = iter(())
-        if explicit:
-            together = np.concatenate([s.columns for s in explicit])
-            split = np.cumsum([len(s.columns) for s in explicit])[:-1]
-            quadratic = iter(np.split(_quadratic(h, scene, together, theta), split, 1))
-        for s in list_of_searches:
-            result = (scan(h, scene, signatures, s, theta, solved) if s.columns is None
-                      else _from_columns(s.columns, s.psi, next(quadratic), solved))
-            table.append(solved.base + _mean_bayes(
-                np.ascontiguousarray(result.gain), table_of[result.k], 1.0 / _ROOT[1]))
-        return np.column_stack(table)
-    return integrate(all_of, h.parameters, guess, onset_law(h, scene, signatures))
+        result = [solved.base]
+        squares = iter(())
+        if explicit_ones:    # through the bank together
+            together = np.concatenate([f.columns for f in explicit_ones])
+            split = np.cumsum([len(f.columns) for f in explicit_ones])[:-1]
+            squares = iter(np.split(quadratic(h, scene, together, theta), split, 1))
+        for f in listed:
+            found = (scores(h, scene, f, theta, solved) if f.columns is None
+                     else explicit_scores(f, next(squares), solved))
+            result.append(solved.base + mean_bayes(found.gain, table[found.k]))
+        return np.column_stack(result)
+    return integrate(log_likelihood, h.parameters, guess,
+                     onset_law(h, scene, signatures))
 
 
-def estimate_signature(hypotheses, scene, signatures, search, samples, number):
-    """The most probable signature of a search, and its parameters with their sd.
+POSTERIOR_NODES = 24    # nodes that stand for a posterior
 
-    Moments over hypotheses, `RESAMPLED` nodes of each, psi and prior variances of the
-    size.
+
+class _Sizes(NamedTuple):
+    """Posterior of the size of signatures near the best: nodes, psi, prior variances.
     """
-    pieces, chosen, most = [], None, 0.0
-    shrink = SIZES / (1.0 + SIZES)
+
+    mass: np.ndarray      # (M, m, v)
+    mean: np.ndarray      # (M, m, v)
+    second: np.ndarray    # (M, m, v) moment
+    psi: np.ndarray       # (m,)
+    variant: np.ndarray   # (m,)
+
+
+def estimate_signature(hypotheses, scene, signatures, family, samples, number):
+    """The most probable signature of a family, as a `Signature` and as a `Found` whose
+    values are (mean, sd).
+
+    `number` is that of the family in the evidence of the samples. Moments are over
+    hypotheses, `POSTERIOR_NODES` nodes of each, psi and prior variances of the size.
+    """
     shares = probabilities([s.log_evidence[number] for s in samples])
-    for h, sample, share in zip(hypotheses, samples, shares):
-        if share < 1e-3:
-            continue
-        w = sample.log_weight + sample.log_likelihood[:, number]
-        theta = sample.theta[_resampled(np.exp(w - w.max()))]
-        solved = solve(h, scene, signatures, theta)
-        result = scan(h, scene, signatures, search, theta, solved)
-        variant = search.variant or ("",) * len(result.psi)
-        fine = _refined(scene, search, result)
-        if fine is not None:
-            result = _from_columns(fine.columns, fine.psi,
-                                   _quadratic(h, scene, fine.columns, theta), solved)
-            variant = fine.variant
-        near = np.flatnonzero(result.gain.max(0) > result.gain.max() - 60.0)
-        each = _log_bayes(result.gain[:, near], result.k)    # (M, m, sizes)
-        mass = np.exp(each - logsumexp(each, axis=(1, 2), keepdims=True))
-        mass *= share / RESAMPLED
-        # moments along the estimate of the normal law times its squared size
-        k, square = result.k, (result.size[:, near, None] * shrink)**2
-        var = result.sd[:, near, None]**2 * shrink
-        mean = result.size[:, near, None] * shrink * (
-            (square + (k + 2) * var) / (square + k * var))
-        second = (square**2 + (k + 5) * square * var + (k + 2) * var**2) / (
-            square + k * var)
-        pieces.append((mass, mean, second,
-                       np.broadcast_to(result.psi[near][:, None], mass.shape),
-                       np.array(variant)[near]))
-        if mass.sum((0, 2)).max() > most:
-            most = mass.sum((0, 2)).max()
-            best = near[mass.sum((0, 2)).argmax()]
-            chosen = float(result.psi[best]), variant[best]
-
+    pieces = [_sizes(h, scene, signatures, family,
+                     sample.nodes(POSTERIOR_NODES, number), share)
+              for h, sample, share in zip(hypotheses, samples, shares) if share > 1e-3]
+    best = max(pieces, key=lambda p: p.mass.sum((0, 2)).max())
+    at = best.mass.sum((0, 2)).argmax()
+    psi, variant = float(best.psi[at]), str(best.variant[at])
     # the sizes of different variants have different units
-    pieces = [[part[:, p[4] == chosen[1]] for part in p[:4]] for p in pieces]
+    pieces = [(p.mass[:, own], p.mean[:, own], p.second[:, own], p.psi[own][:, None])
+              for p in pieces for own in [p.variant == variant]]
+    total = sum(p[0].sum() for p in pieces)
 
-    def expected(values):
-        return (sum((p[0] * v).sum() for p, v in zip(pieces, values))
-                / sum(p[0].sum() for p in pieces))
-    size = expected([p[1] for p in pieces])
-    sd = np.sqrt(max(expected([p[2] for p in pieces]) - size**2, 0.0))
-    parameters = {search.effect.size: (float(size), float(sd))}
-    for p in search.effect.parameters(scene):
-        psi = expected([p[3] for p in pieces])
-        spread = np.sqrt(expected([(p[3] - psi)**2 for p in pieces]))
-        parameters = {p.symbol: (float(psi), float(spread)), **parameters}
-    x = scene.columns.get(search.column)
-    columns = next(c for v, c in search.effect.build(scene, x, chosen[0])
-                   if v == chosen[1])
-    return Signature(search.effect, search.column, chosen[1], chosen[0], columns,
-                     3.0 * float(np.hypot(size, sd))), parameters
-
-
-RESAMPLED = 24    # nodes that stand for a posterior
-
-
-def _resampled(weight):
-    """Numbers of RESAMPLED nodes, at even quantiles of their weights."""
-    w = np.cumsum(weight)
-    return np.searchsorted(w, w[-1] * (np.arange(RESAMPLED) + 0.5) / RESAMPLED)
+    def expected(part):
+        return float(sum((p[0] * part(p)).sum() for p in pieces) / total)
+    effect = family.effect
+    values = {}
+    for p in effect.parameters(scene):
+        mean = expected(lambda p: p[3])
+        values[p.symbol] = mean, np.sqrt(expected(lambda p: (p[3] - mean)**2))
+    size = expected(lambda p: p[1])
+    sd = float(np.sqrt(max(expected(lambda p: p[2]) - size**2, 0.0)))
+    values[effect.size] = size, sd
+    found = Found(effect, family.column, variant, values)
+    numbers = {symbol: psi for symbol in values if symbol != effect.size}
+    return Signature(found._replace(values={**numbers, effect.size: size}),
+                     columns_of(scene, effect, family.column, variant, psi),
+                     3.0 * float(np.hypot(size, sd))), found
 
 
-def _refined(scene, search, result):
-    """The search again, finer where a coarse scan found mass; None for onsets."""
-    if search.effect.build is _step or not search.effect.parameters(scene):
+def _sizes(h, scene, signatures, family, theta, share):
+    """`_Sizes` of a hypothesis of a given share at some nodes."""
+    solved = solve(h, scene, signatures, theta)
+    found = scores(h, scene, family, theta, solved)
+    fine = _refined(scene, family, found)
+    if fine is not None:
+        family, found = fine, scores(h, scene, fine, theta, solved)
+    near = np.flatnonzero(found.gain.max(0) > found.gain.max() - 60.0)
+    each = log_bayes(found.gain[:, near], found.k)
+    mass = np.exp(each - logsumexp(each, axis=(1, 2), keepdims=True))
+    # moments along the estimate of the normal law times its squared size
+    shrink = SIZES / (1.0 + SIZES)
+    k, square = found.k, (found.size[:, near, None] * shrink)**2
+    variance = found.sd[:, near, None]**2 * shrink
+    mean = found.size[:, near, None] * shrink * (
+        (square + (k + 2) * variance) / (square + k * variance))
+    second = (square**2 + (k + 5) * square * variance + (k + 2) * variance**2) / (
+        square + k * variance)
+    variant = np.array(family.variant or [""] * len(found.psi))
+    return _Sizes(mass * share / len(theta), mean, second, found.psi[near],
+                  variant[near])
+
+
+def _refined(scene, family, found):
+    """The family again, finer where a coarse search found mass; None where it was fine
+    already.
+    """
+    effect = family.effect
+    if effect.search == "onset" or not effect.parameters(scene):
         return None
-    mass = np.exp(0.5 * (result.gain - result.gain.max())).sum(0)
+    mass = np.exp(0.5 * (found.gain - found.gain.max())).sum(0)
     near = np.flatnonzero(mass > 1e-4 * mass.max())
-    low, high = result.psi[max(near[0] - 1, 0)], result.psi[
-        min(near[-1] + 1, len(result.psi) - 1)]
-    if search.effect.build is _sinusoid:
-        top = result.psi[mass.argmax()]
+    low, high = found.psi[max(near[0] - 1, 0)], found.psi[
+        min(near[-1] + 1, len(found.psi) - 1)]
+    if effect.search == "frequency":
+        top = found.psi[mass.argmax()]
         low, high = max(low, top - 1.0 / scene.duration), min(
             high, top + 1.0 / scene.duration)
-        psi = np.linspace(low, high, 81)
-    else:
-        psi = np.geomspace(low, high, 40)
-    return _search(scene, search.effect, search.column, psi)
+        return explicit(scene, effect, family.column, np.linspace(low, high, 81))
+    (prior,) = effect.parameters(scene)
+    return explicit(scene, effect, family.column, prior._replace(
+        low=low, high=high).quantile(np.linspace(0.0, 1.0, 40)))

@@ -1,0 +1,296 @@
+"""The catalogue: every effect that is looked for, with its equation.
+
+An effect of your own is another `Effect`; those below are examples of every kind.
+"""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from sensorid import Parameter, ShapingFilter
+from sensorlab.gap.effects import Effect, Jumps
+
+
+# ---- columns: (scene, x, psi) gives pairs of a variant and an (N, k) array
+
+def _centred(x):
+    """Less its mean; 0 where nothing but rounding varies."""
+    return (x - x.mean()) * (np.ptp(x) > 1e-9 * np.abs(x).max())
+
+
+def _from_start(scene, x, psi):
+    yield "", scene.time[:, None]
+
+
+def _from_onset(scene, x, psi):
+    yield "", (scene.time >= psi - 1e-9 * scene.dt)[:, None].astype(float)
+
+
+def _transient(scene, x, psi):
+    yield "", np.exp(-scene.time / psi)[:, None]
+
+
+def _cosine_and_sine(scene, x, psi):
+    phase = 2.0 * np.pi * psi * scene.time
+    yield "", np.column_stack([np.cos(phase), np.sin(phase)])
+
+
+def _linear(scene, x, psi):
+    yield "", _centred(x)[:, None]
+
+
+def _curved(scene, x, psi):
+    yield "square", _centred(x**2)[:, None]
+    yield "modulus", _centred(np.abs(x))[:, None]
+
+
+def _derivative(scene, x, psi):
+    step = np.diff(x) / scene.dt
+    yield "backward difference", np.append(0.0, step)[:, None]
+    yield "forward difference", np.append(step, 0.0)[:, None]
+    yield "central difference", np.gradient(x, scene.dt)[:, None]
+
+
+def lagged(x, dt, tau):
+    """First-order low-pass of time constant tau, s, in steady state at the start."""
+    a = np.exp(-dt / tau)
+    return lfilter([1.0 - a], [1.0, -a], x, zi=[a * x[0]])[0]
+
+
+def _lagged(scene, x, psi):
+    yield "", _centred(lagged(x, scene.dt, psi))[:, None]
+
+
+# ---- models: (scene, filt, **parameters) gives a shaping filter
+
+def beside(filt, a, sigma):
+    """A shaping filter with Markov processes of factors a, standard deviations sigma
+    added to its output.
+    """
+    n, m, k = filt.Phi.shape[1], filt.Gamma.shape[2], len(a)
+    Phi, Gamma, P0 = (np.zeros((n + k, n + k)), np.zeros((n + k, m + k)),
+                      np.zeros((n + k, n + k)))
+    Phi[:n, :n], Gamma[:n, :m], P0[:n, :n] = filt.Phi[0], filt.Gamma[0], filt.P0
+    for i in range(k):
+        Phi[n + i, n + i] = a[i]
+        Gamma[n + i, m + i] = sigma[i] * np.sqrt(1.0 - a[i]**2)
+        P0[n + i, n + i] = sigma[i]**2
+    return ShapingFilter(Phi[None], Gamma[None],
+                         np.append(filt.H[0], np.ones(k))[None], filt.Psi,
+                         np.append(filt.m0, np.zeros(k)), P0)
+
+
+def _correlated_noise(scene, filt, tau, sigma):
+    return beside(filt, [np.exp(-scene.dt / tau)], [sigma])
+
+
+def flicker_times(scene):
+    """Correlation times, s, of the processes that make up flicker noise: from a tenth
+    of the record to the sampling interval, at even distances, five at most.
+    """
+    decades = max(np.log10(0.1 * scene.duration / scene.dt), 0.0)
+    return 0.1 * scene.duration * 10.0**-np.linspace(
+        0.0, decades, int(np.clip(2.0 * decades, 1, 5)))
+
+
+def _bias_instability(scene, filt, sigma):
+    """Flicker noise, as strong as one Markov process a decade from a tenth of the
+    record downwards would be with the standard deviation sigma all together.
+
+    The coefficient B of IEEE Std 952 (two-sided S = B^2 / (2 pi f)) is sigma times
+    sqrt(pi / (decades ln 10)).
+    """
+    taus = flicker_times(scene)
+    decades = np.floor(max(np.log10(0.1 * scene.duration / scene.dt), 0.0)) + 1.0
+    apart = np.log10(taus[0] / taus[1]) if len(taus) > 1 else 1.0
+    part = np.full(len(taus), np.sqrt(apart / decades))
+    return beside(filt, np.exp(-scene.dt / taus), sigma * part)
+
+
+def _bandwidth(scene, filt, tau):
+    """The white noise passes a first-order low-pass of unit gain at rest."""
+    a = np.exp(-scene.dt / tau)
+    low = np.sqrt((1.0 - a) / (1.0 + a)) * filt.Psi
+    return beside(filt._replace(Psi=np.zeros(1)), [a], low)
+
+
+def _noise_step(scene, filt, onset, ratio):
+    first = np.searchsorted(scene.time, onset)
+    if first == len(scene.y):
+        return filt
+    Psi = filt.Psi * np.ones(len(scene.y))
+    Psi[first:] *= ratio
+    return filt._replace(Psi=Psi)
+
+
+def _rounding(scene, filt, lsb):
+    """What rounding adds to the white noise."""
+    return filt._replace(Psi=np.sqrt(filt.Psi**2 + lsb**2 / 12.0))
+
+
+# ---- jumps: (dt, **parameters) gives `Jumps`
+
+def _outliers(dt, rate, sigma):
+    return Jumps(rate=rate, variance=sigma**2)
+
+
+def _telegraph(dt, dwell, size):
+    return Jumps(change=-0.5 * np.expm1(-2.0 * dt / dwell), half=0.5 * size)
+
+
+# ---- readings: (scene, y, **values) alters the values y (..., N) in place
+
+def quantize(scene, y, lsb):
+    """Round to multiples of lsb, on the lattice of the scene's record if it has one."""
+    seen = scene.y[~np.isnan(scene.y)]
+    origin = seen[0] if len(seen) and lattice(scene.y) else 0.0
+    y[:] = origin + lsb * np.round((y - origin) / lsb)
+
+
+def _saturate(scene, y, limits):
+    np.clip(y, *limits, out=y)
+
+
+def _stick(scene, y, spans):
+    for start, length in spans:
+        first = round(start / scene.dt)
+        y[..., first:first + int(length)] = y[..., first:first + 1]
+
+
+def lattice(y):
+    """Spacing of the values of a record, or 0 where they lie on no lattice."""
+    values = np.unique(y[~np.isnan(y)])
+    if len(values) < 2:
+        return 0.0
+    step = np.diff(values)
+    step = step[step > 1e-9 * (values[-1] - values[0])]
+    lsb = step.min()
+    for _ in range(3):    # refine with ever larger multiples
+        lsb = np.sum(step) / np.sum(np.round(step / lsb))
+    off = np.abs(step / lsb - np.round(step / lsb))
+    return float(lsb) if np.mean(off < 0.05) > 0.95 else 0.0
+
+
+# ---- the catalogue
+
+MIN_CYCLES = 3    # in a record, of a sinusoid: slow noise shows fewer by itself
+                  # (S. Krishnan et al., Mon. Not. R. Astron. Soc. 508, 2021)
+
+
+def _log(symbol, low, high):
+    return Parameter(symbol, low, max(high, 1.01 * low), True)
+
+
+def _spread(scene):
+    return max(np.nanstd(scene.y), 3.0 * scene.white)
+
+
+def _onset(scene):
+    return Parameter("onset", scene.dt, scene.duration - scene.dt)
+
+
+CATALOGUE = {effect.name: effect for effect in (
+    Effect("rate_ramp", columns=_from_start, size="slope",
+           equation="y + slope t; slope in u/s",
+           resembles="random walk, slow transient",
+           experiment="record longer"),
+    Effect("bias_step", columns=_from_onset, search="onset",
+           parameters=lambda s: (_onset(s),),
+           equation="y + size from t = onset on; onset in s, size in u",
+           resembles="random walk, one stuck interval",
+           experiment="look for what happened at the onset: a knock, a restart"),
+    Effect("turn_on_transient", columns=_transient,
+           parameters=lambda s: (_log("tau", s.duration / 400, s.duration / 3),),
+           equation="y + size exp(-t / tau); tau in s, size in u",
+           resembles="rate ramp, temperature",
+           experiment="switch off, cool down and on again: it returns"),
+    Effect("sinusoid", columns=_cosine_and_sine, search="frequency", size="amplitude",
+           parameters=lambda s: (Parameter("frequency", MIN_CYCLES / s.duration,
+                                           0.5 / s.dt),),
+           equation="y + amplitude sin(2 pi frequency t + phase); frequency in Hz, "
+                    "amplitude in u",
+           resembles="correlated noise of long period",
+           experiment="damp vibration; an alias moves with the sampling rate"),
+    Effect("temperature", columns=_linear, size="coefficient", column="temperature",
+           equation="y + coefficient (x - mean of x); in u per unit of x",
+           resembles="random walk, thermal lag",
+           experiment="cycle the temperature twice at different speed"),
+    Effect("thermal_lag", columns=_lagged, size="coefficient", column="temperature",
+           parameters=lambda s: (_log("tau", s.duration / 100, s.duration / 4),),
+           equation="y + coefficient (X - mean of X), tau dX/dt = x - X; tau in s, "
+                    "coefficient in u per unit of x",
+           resembles="temperature",
+           experiment="step the temperature and hold it"),
+    Effect("scale_factor", columns=_linear, size="coefficient", column="rate",
+           equation="y + coefficient (x - mean of x); in u per unit of x",
+           resembles="nonlinearity",
+           experiment="turn at several known rates of both signs"),
+    Effect("nonlinearity", columns=_curved, size="coefficient", column="rate",
+           equation="y + coefficient f, f = x^2 or |x| less its mean; in u per unit "
+                    "of f",
+           resembles="scale factor where the rate has one sign",
+           experiment="turn at several known rates of both signs"),
+    Effect("latency", columns=_derivative, size="coefficient", column="rate",
+           equation="y + coefficient dx/dt; in u per unit of x and second",
+           resembles="scale factor under slow motion",
+           experiment="turn with sharp starts and stops"),
+    Effect("g_sensitivity", columns=_linear, size="coefficient", column="acceleration",
+           equation="y + coefficient (x - mean of x); in u per unit of x",
+           resembles="scale factor",
+           experiment="turn the sensor over at rest"),
+    Effect("covariate", columns=_linear, size="coefficient", column="*",
+           equation="y + coefficient (x - mean of x); in u per unit of x",
+           resembles="any drift that moves as the column does",
+           experiment="vary that quantity alone"),
+    Effect("correlated_noise", model=_correlated_noise,
+           parameters=lambda s: (_log("tau", 1.5 * s.dt, s.duration / 10),
+                                 _log("sigma", 0.03 * s.white, _spread(s))),
+           equation="y + m, dm/dt = -m / tau + white noise, standard deviation of m "
+                    "sigma; tau in s, sigma in u",
+           resembles="bias instability, random telegraph, random walk",
+           experiment="record longer, sample faster"),
+    Effect("bias_instability", model=_bias_instability,
+           parameters=lambda s: (_log("sigma", 0.01 * s.white, _spread(s)),),
+           equation="y + Markov processes, tau evenly in log from dt to T / 10, "
+                    "together of standard deviation sigma, in u",
+           resembles="correlated noise, random walk", experiment="record longer"),
+    Effect("bandwidth", model=_bandwidth,
+           parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
+           equation="the white noise v becomes V, tau dV/dt = v - V; tau in s",
+           resembles="correlated noise of short time", experiment="sample faster"),
+    Effect("noise_step", model=_noise_step, search="onset",
+           parameters=lambda s: (_onset(s), _log("ratio", 0.1, 10.0)),
+           equation="the white noise becomes ratio times as strong from t = onset "
+                    "on; onset in s",
+           resembles="outliers in clusters",
+           experiment="look for what was switched on at the onset"),
+    Effect("outliers", jumps=_outliers,
+           parameters=lambda s: (_log("rate", 1.0 / len(s.y), 0.1),
+                                 _log("sigma", 2.0 * s.white, 300.0 * s.white)),
+           equation="y + N(0, sigma^2) with the probability rate in every sample; "
+                    "sigma in u",
+           resembles="noise step, random telegraph",
+           experiment="log the raw bus: are they transmission errors?"),
+    Effect("random_telegraph", jumps=_telegraph,
+           parameters=lambda s: (_log("dwell", 3.0 * s.dt, s.duration / 4),
+                                 _log("size", 0.1 * s.white, 2.0 * _spread(s))),
+           equation="y +- size / 2, two levels, each kept for dwell on average; "
+                    "dwell in s, size in u",
+           resembles="correlated noise",
+           experiment="average less white noise away: two levels show in a histogram"),
+    Effect("quantization", reading=quantize, model=_rounding,
+           equation="lsb round(y / lsb); lsb in u",
+           resembles="white noise",
+           experiment="widen the word length, raise the gain"),
+    Effect("saturation", reading=_saturate,
+           equation="y between two limits, in u",
+           resembles="skewed noise",
+           experiment="widen the range"),
+    Effect("stuck", reading=_stick,
+           equation="y keeps its value in spans of (start in s, samples)",
+           resembles="quantization",
+           experiment="compare the counters of sensor and logger"),
+    Effect("wrong_parameter", factor=1000.0,
+           equation="one parameter of the simulator is factor times what it says",
+           resembles="correlated noise, bandwidth",
+           experiment="compare the Allan deviation with the data sheet, unit by unit"),
+)}
