@@ -38,25 +38,26 @@ def main(argv=None):
     `identify` of a plain CSV.
     """
     try:
-        from sensorlab.commands import main as all_commands
+        from sensorlab.commands import main as whole
     except ModuleNotFoundError as missing:
         if missing.name != "sensorlab":
             raise
     else:
-        return all_commands(argv)
+        return whole(argv)
     import argparse
-    parser = argparse.ArgumentParser(
-        prog="sensorid", description="Which error model does the sensor of a record "
-        "follow, and with which parameters? Other commands, other files and pictures "
-        "need sensorlab: copy that folder beside this file, or install the project.")
-    parser.add_argument("command", choices=["identify"])
-    parser.add_argument("record", help="CSV with a header: time,error")
-    parser.add_argument("--column", default="error", help="of the error (error)")
-    parser.add_argument("--dt", type=float, help="sampling interval, s (from time)")
-    parser.error = lambda message: parser.exit(2, f"sensorid: {message}\n")
-    options = parser.parse_args(argv)
-    from sensorid import identify_csv    # by name: compiled code is kept under it
+    parser = argparse.ArgumentParser(prog="sensorid", description=__doc__.split("\n\n")[
+        0] + " More commands and files: copy the folder sensorlab beside this one.")
+    parser.add_argument("command", metavar="identify")
+    parser.add_argument("record", nargs="?", help="CSV with a header: time,error")
+    parser.add_argument("--column", default="error", help="of the error")
+    parser.add_argument("--dt", type=float, help="sampling interval, s; without time")
+    options, more = parser.parse_known_args(argv)
     try:
+        if more or options.command != "identify" or not options.record:
+            raise ValueError(
+                "this file alone runs `identify RECORD.csv [--column C] [--dt S]`: for "
+                "all else copy the folder sensorlab beside it, or install the project")
+        from sensorid import identify_csv    # by name: compiled code is kept under it
         print(identify_csv(options.record, options.column, options.dt))
     except (ValueError, OSError) as problem:
         print(f"sensorid: {' '.join(str(problem).split())}", file=sys.stderr)
@@ -71,12 +72,25 @@ import hashlib
 import inspect
 import os
 import pathlib
+import pickle
+import sysconfig
+import types
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from typing import Callable, NamedTuple
+
+# threads that spin while they wait make small work 20 times slower beside other work
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numpy as np
 from numba import njit, prange
 from scipy.optimize import isotonic_regression
+
+__all__ = [
+    "MODELS", "ShapingFilter", "shaping_filter", "Parameter", "Hypothesis",
+    "hypothesis", "default_hypotheses", "simulate", "grid", "uniform_grid", "bank",
+    "filter_bank", "log_likelihood", "posteriors", "identify", "decide", "matrices",
+    "estimate_state", "criteria", "record_length", "allan_variance", "allan_deviation",
+    "model_allan_variance", "allan_misfit", "main"]
 
 try:
     CACHE = bool(njit(cache=True)(lambda: None))
@@ -87,16 +101,16 @@ LOG_2PI = np.log(2.0 * np.pi)
 
 
 def brief(self):
-    """repr of a result: arrays of more than a few numbers by their shapes."""
+    """repr of a result: what is long by its size."""
     def shown(value):
         if isinstance(value, np.ndarray) and value.size > 6:
             return f"array{value.shape}"
-        if isinstance(value, (tuple, list)) and len(value) > 6:
-            return f"{len(value)} {type(value).__name__} items"
-        if isinstance(value, dict):
-            return "{" + ", ".join(f"{k!r}: {shown(v)}" for k, v in value.items()) + "}"
+        if isinstance(value, (tuple, list, dict)) and len(value) > 6:
+            return f"{type(value).__name__} of {len(value)}"
         if type(value) in (tuple, list):
-            return "(" + ", ".join(map(shown, value)) + ")"
+            return f"({', '.join(map(shown, value))})"
+        if isinstance(value, dict):
+            return f"{{{', '.join(f'{k!r}: {shown(v)}' for k, v in value.items())}}}"
         return getattr(value, "name", None) or repr(value)
     return f"{type(self).__name__}(" + ", ".join(
         f"{name}={shown(value)}" for name, value in zip(self._fields, self)) + ")"
@@ -105,9 +119,7 @@ def brief(self):
 # ---- 1. Models -------------------------- paper Secs. 2 and 4, Eqs. (1)-(2), (21)-(23)
 
 class ShapingFilter(NamedTuple):
-    """Matrices of Eqs. (1)-(2). The leading axis is time: one step,
-    or one per sample.
-    """
+    """Matrices of Eqs. (1)-(2); the leading axis is time, of one step or of all."""
 
     Phi: np.ndarray      # (1 or N, n, n)
     Gamma: np.ndarray    # (1 or N, n, p)
@@ -115,8 +127,6 @@ class ShapingFilter(NamedTuple):
     Psi: np.ndarray      # (1 or N,)
     m0: np.ndarray       # (n,) prior expectation of x_0
     P0: np.ndarray       # (n, n) prior covariance of x_0
-
-    __repr__ = brief
 
 
 def shaping_filter(Phi, Gamma, H, Psi=0.0, m0=None, P0=None):
@@ -207,9 +217,7 @@ MODELS = {model.__name__: model for model in (
 
 
 class Parameter(NamedTuple):
-    """A parameter and its prior: fixed where low == high,
-    else uniform or log-uniform.
-    """
+    """A parameter: fixed where low == high, else uniform or log-uniform."""
 
     symbol: str
     low: float
@@ -257,9 +265,7 @@ def at_quantiles(parameters, u):
 
 
 class Hypothesis(NamedTuple):
-    """A structure of the error model with the prior of its parameters,
-    see `hypothesis`.
-    """
+    """A structure of the error model with its priors, see `hypothesis`."""
 
     name: str
     model: Callable[..., ShapingFilter]
@@ -431,8 +437,6 @@ class Trials(NamedTuple):
     theta: np.ndarray         # (L, largest number of parameters), NaN where there
                               # is none
 
-    __repr__ = brief
-
 
 def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
     """Records drawn from the prior: hypothesis, parameters, bias, x_0 and noises.
@@ -501,7 +505,8 @@ def _response(Phi, Gamma, H, Psi, x0, w, v):
             for column in range(w.shape[1]):
                 new[row] += gamma[row, column] * w[i, column]
             y[i] += h[row] * new[row]
-        x[:] = new
+        for row in range(len(x)):
+            x[row] = new[row]
     return y
 
 
@@ -535,8 +540,6 @@ class Grid(NamedTuple):
     limits: np.ndarray        # (M, 1 + E, 3) low and high end of ln scale, blur
     power: float              # prior of ln scale: scale**power
 
-    __repr__ = brief
-
 
 def _scale_parameter(h, dt):
     """Column of the parameter that serves as the scale, or None where none can.
@@ -559,9 +562,7 @@ def _scale_parameter(h, dt):
 
 
 def _gregory(n):
-    """Weights of n evenly spaced ordinates:
-    the trapezoid with third-order end corrections.
-    """
+    """Weights of n even ordinates: a trapezoid with third-order ends."""
     weight = np.ones(n)
     if n >= 6:
         weight[:3] = weight[:-4:-1] = 3 / 8, 7 / 6, 23 / 24
@@ -571,15 +572,11 @@ def _gregory(n):
 
 
 class Box(NamedTuple):
-    """Part of the parameter space:
-    axis a lies low..high above slope[a, :a] @ outer axes.
-    """
+    """Part of the space: axis a lies low..high above slope[a, :a] @ outer axes."""
 
     low: np.ndarray
     high: np.ndarray
     slope: np.ndarray
-
-    __repr__ = brief
 
 
 def _axes(h, dt):
@@ -720,8 +717,6 @@ class Sums(NamedTuple):
     information: np.ndarray    # (M,)
     log_det: np.ndarray        # (M,)
 
-    __repr__ = brief
-
 
 @njit(**JIT)
 def _gains(observed, node, memory, ak, w, c):
@@ -812,9 +807,7 @@ def _advance_trials(y, observed, node, memory, state):
 
 @njit(**JIT)
 def _nodes_abreast(y, node, ak, w, c, state):
-    """Eqs. (4), (7) and the sums of GROUP nodes for one record;
-    `state` as for the trials.
-    """
+    """Eqs. (4), (7) and the sums of GROUP nodes for one record, as for the trials."""
     for i in range(len(y)):
         for g in range(GROUP):
             nu = y[i] - state[g]
@@ -825,9 +818,7 @@ def _nodes_abreast(y, node, ak, w, c, state):
 
 @njit(**JIT)
 def _steady_abreast(y, a, ak, state):
-    """`_nodes_abreast` once the gain is constant,
-    with sums of nu^2 and nu unweighted.
-    """
+    """The same once the gain is constant, with sums of nu^2 and nu unweighted."""
     n = len(y)
     for i in range(0, n - n % 4, 4):
         y0, y1, y2, y3 = y[i], y[i + 1], y[i + 2], y[i + 3]
@@ -1027,8 +1018,6 @@ class Bank(NamedTuple):
     m0: np.ndarray     # (M, n)
     P0: np.ndarray     # (M, n, n)
 
-    __repr__ = brief
-
 
 def bank(h, dt, theta):
     """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
@@ -1051,8 +1040,6 @@ class Modes(NamedTuple):
     p0: np.ndarray    # (M, n) initial variances
     r: np.ndarray     # (M, 1 or N) variance of the white noise
 
-    __repr__ = brief
-
 
 def modes(b):
     """The filters of a bank as `Modes`, or None where they are no such sums."""
@@ -1061,17 +1048,8 @@ def modes(b):
     if not timeless or np.any(b.H != 1.0) or b.m0.any() or (
             b.Phi[..., off].any() or b.Q[..., off].any() or b.P0[..., off].any()):
         return None
-    return Modes(*(np.diagonal(m, 0, 1, 2) for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)),
-                 b.r)
-
-
-@njit(**JIT)
-def spectrum(a, q, turn):
-    """Spectrum of a sum of one-state processes at turn = |1 - exp(-i w)|^2."""
-    S = 0.0
-    for s in range(len(a)):
-        S += q[s] / ((1.0 - a[s])**2 + a[s] * turn)
-    return S
+    parts = b.Phi[:, 0], b.Q[:, 0], b.P0    # copies: a diagonal cannot be written to
+    return Modes(*(np.diagonal(m, 0, 1, 2).copy() for m in parts), b.r)
 
 
 def filter_bank(b, y, stops):
@@ -1248,9 +1226,7 @@ def _scale_window(count, chi2, score, information, bias, low, high):
 
 @njit(**JIT)
 def _ramp(x):
-    """Share of a node x spacings inside an edge:
-    the integral of the linear interpolant.
-    """
+    """Share of a node x spacings inside an edge: a linear interpolant's integral."""
     if x < 0.0:
         return 0.5 * max(1.0 + x, 0.0)**2
     return 1.0 - 0.5 * max(1.0 - x, 0.0)**2
@@ -1427,9 +1403,7 @@ def _nodes_per_sd(g, cov):
 
 
 class Estimate(NamedTuple):
-    """What a record says of one hypothesis:
-    the point masses of Eq. (3) and their moments.
-    """
+    """What a record says of one hypothesis: point masses, Eq. (3), and moments."""
 
     hypothesis: Hypothesis
     log_evidence: float          # ln f(Y / h_k)
@@ -1441,8 +1415,6 @@ class Estimate(NamedTuple):
     settled: bool                # a finer grid said the same
     updates: int                 # filter steps that it took, all grids together
 
-    __repr__ = brief
-
 
 class Posterior(NamedTuple):
     """Answer of `identify`."""
@@ -1452,15 +1424,21 @@ class Posterior(NamedTuple):
     probability: np.ndarray    # (K,) Eq. (10), equal prior probabilities
     estimates: tuple           # K of Estimate
 
-    __repr__ = brief
+    @property
+    def best(self):
+        """`Estimate` of the most probable hypothesis."""
+        return self.estimates[int(self.probability.argmax())]
 
 
 def tempered(log_prior, log_mass, enough):
     """The largest power beta <= 1 of a mass that spreads over `enough` equal weights,
     and the weights prior mass^beta, which sum to 1.
     """
+    out = np.isneginf(log_mass)    # whatever the power
+    excess = np.where(out, 0.0, log_mass - log_mass.max())
+
     def weights(beta):
-        w = log_prior + beta * (log_mass - log_mass.max())
+        w = np.where(out, -np.inf, log_prior + beta * excess)
         w = np.exp(w - w.max())
         return w / w.sum()
     low, beta = (0.0, 1.0) if np.sum(weights(1.0)**2) * enough > 1.0 else (1.0, 1.0)
@@ -1468,7 +1446,8 @@ def tempered(log_prior, log_mass, enough):
         middle = 0.5 * (low + beta)
         low, beta = ((middle, beta) if np.sum(weights(middle)**2) * enough < 1.0
                      else (low, middle))
-    return low, weights(low)
+    beta = low or beta
+    return beta, weights(beta)
 
 
 class _View(NamedTuple):
@@ -1570,9 +1549,7 @@ def resolve(h, dt, y, max_nodes=60000):
 
 
 def _point_masses(g, mass, first, second):
-    """Point masses of Eq. (3): three per node where the scale was integrated
-    (Gauss-Hermite).
-    """
+    """Point masses, Eq. (3): three a node where the scale is integrated (Hermite)."""
     weight = np.exp(mass - mass.max())
     keep = weight > 1e-12 * weight.sum()
     weight, first = weight[keep], first[keep]
@@ -1585,7 +1562,7 @@ def _point_masses(g, mass, first, second):
     return np.concatenate(theta), weight / weight.sum()
 
 
-def identify(y, dt, hypotheses, progress=None):
+def identify(y, dt, hypotheses=None, progress=None):
     """Posterior of the error model of one record, Eqs. (3)-(14).
 
     Parameters
@@ -1594,14 +1571,15 @@ def identify(y, dt, hypotheses, progress=None):
         Sensor error, u, evenly sampled; NaN marks a missing sample.
     dt : float
         Sampling interval, s.
-    hypotheses : sequence of Hypothesis
-        The K structures in question.
+    hypotheses : sequence of Hypothesis, optional
+        The K structures in question, by default `default_hypotheses`.
     progress : function of (done, all), optional
         Called after every hypothesis.
 
     Returns
     -------
     Posterior
+        It ranks the hypotheses; `allan_misfit` tells whether any describes the record.
 
     Raises
     ------
@@ -1618,6 +1596,7 @@ def identify(y, dt, hypotheses, progress=None):
     """
     y = np.asarray(y, float)
     check_record(y, dt)
+    hypotheses = tuple(hypotheses or default_hypotheses(y, dt))
     estimates = []
     for h in hypotheses:
         estimates.append(resolve(h, dt, y))
@@ -1658,17 +1637,13 @@ def probabilities(log_evidence):
 
 
 def decide(posterior, gamma=GAMMA):
-    """Number of the most probable hypothesis h_k*,
-    or None below the threshold gamma.
-    """
+    """Number of the most probable hypothesis h_k*; None below the threshold."""
     best = int(np.argmax(posterior.probability))
     return best if posterior.probability[best] >= gamma else None
 
 
 def matrices(estimate, dt):
-    """Phi, Gamma, H, Psi at the estimated parameters, the bias as the last state,
-    Eq. (21).
-    """
+    """Phi, Gamma, H, Psi at the estimate, the bias as the last state, Eq. (21)."""
     filt = estimate.hypothesis.filter(dt, estimate.mean)
     n, noises = filt.Gamma.shape[1:]
     Phi = np.eye(n + 1)
@@ -1722,23 +1697,18 @@ def estimate_state(y, estimate, dt):
 
 # ---- 5. Criteria ---------------------------------------- paper Sec. 3, Eqs. (15)-(20)
 
-CHUNK = 128            # trials simulated and filtered together; results do not
-                       # depend on it
-LONG = 100_000         # samples above which a chunk is one block of LANES
+CHUNK = 128             # trials that go together; results do not depend on it
+LONG_TRIAL = 100_000    # samples above which a chunk is one block of LANES
 
 
 class Curve(NamedTuple):
-    """A criterion against time: real and calculated,
-    with Monte-Carlo standard errors.
-    """
+    """A criterion against time, with Monte-Carlo standard errors."""
 
     real: np.ndarray             # (T,) from the truth, Eqs. (15), (17)
     calculated: np.ndarray       # (T,) from the posterior alone, Eqs. (18), (19)
     real_se: np.ndarray          # (T,)
     calculated_se: np.ndarray    # (T,)
     z: np.ndarray                # (T,) their difference over its standard error, paired
-
-    __repr__ = brief
 
 
 class Criteria(NamedTuple):
@@ -1754,8 +1724,6 @@ class Criteria(NamedTuple):
                                  # at the end
     rivals: dict                 # name of another algorithm -> Rival
 
-    __repr__ = brief
-
 
 class Rival(NamedTuple):
     """Another algorithm on the same trials, with Monte-Carlo standard errors (se)."""
@@ -1768,8 +1736,6 @@ class Rival(NamedTuple):
     rsd_se: tuple
     efficiency: tuple                # (T,) for each label: the Bayesian variance over
     efficiency_se: tuple             # that of the rival, paired
-
-    __repr__ = brief
 
 
 def criteria_times(samples):
@@ -1810,13 +1776,9 @@ class _Chunk(NamedTuple):
     choice: np.ndarray          # (L, T, A) of the other algorithms
     guess: np.ndarray           # (L, T, A, P)
 
-    __repr__ = brief
-
 
 def _run_chunk(truths, grids, algorithms, dt, stops, seed, first, last):
-    """Simulate from `truths` and filter through `grids`;
-    a pure function of its arguments.
-    """
+    """Simulate and filter a part of the trials; a pure function."""
     trials = simulate(truths, dt, int(stops[-1]), last - first, seed, first)
     log_evidence, mean, variance, truth = [], [], [], []
     for k, g in enumerate(grids):
@@ -1844,12 +1806,7 @@ def _kept_chunk(folder, *arguments):
     """`_run_chunk`, or its result from an earlier run that was interrupted."""
     if folder is None:
         return _run_chunk(*arguments)
-    digest = hashlib.sha256(__version__.encode())
-    truths, grids, algorithms, *numbers = arguments
-    for part in (*truths, *(part for g in grids for part in g), *algorithms, *numbers):
-        digest.update(part.tobytes() if isinstance(part, np.ndarray)
-                      else _describe(part))
-    file = pathlib.Path(folder) / f"{digest.hexdigest()[:32]}.npz"
+    file = pathlib.Path(folder) / f"{fingerprint(__version__, arguments)[:32]}.npz"
     if file.exists():
         try:
             with np.load(file) as kept:
@@ -1861,13 +1818,59 @@ def _kept_chunk(folder, *arguments):
     return chunk
 
 
-def _describe(part):
-    """Bytes that tell one argument of a chunk from another."""
-    if isinstance(part, Hypothesis):
-        return _describe(part.model) + repr((part.name, *part[2:])).encode()
-    code = getattr(part, "__code__", None)
-    return repr((part.__qualname__, code.co_code, code.co_consts) if code
-                else part).encode()
+def fingerprint(*parts):
+    """SHA-256 of all that decides a result: values, and functions with their code,
+    closures, defaults and the globals that they use; the same in every process.
+    """
+    digest = hashlib.sha256()
+    try:
+        _Contents(types.SimpleNamespace(write=digest.update), 4).dump(parts)
+    except Exception as problem:
+        raise ValueError("the checkpoint cannot tell these arguments from others "
+                         f"({problem}): leave it out, or pass functions of plain "
+                         "values") from None
+    return digest.hexdigest()
+
+
+LIBRARIES = tuple({sysconfig.get_path(key) for key in ("stdlib", "purelib", "platlib")})
+
+
+class _Contents(pickle.Pickler):
+    """Writes a function by its code and what it uses, classes and modules by their
+    source; those of installed libraries by name and version.
+    """
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.fast, self.met = True, []    # equal parts, equal bytes: no references
+
+    def reducer_override(self, part):
+        part = getattr(part, "py_func", getattr(part, "__wrapped__", part))
+        if isinstance(part, types.CodeType):
+            consts = [sorted(map(repr, c)) if isinstance(c, frozenset) else c
+                      for c in part.co_consts]    # of a set the order is by chance
+            return str, (part.co_code, part.co_names, part.co_freevars, consts)
+        if part is str or not isinstance(
+                part, (types.FunctionType, types.ModuleType, type)):
+            return NotImplemented
+        name = getattr(part, "__module__", part.__name__)
+        file = getattr(sys.modules.get(name), "__file__", None) or ""
+        library = file.startswith(LIBRARIES) or not file and name != "__main__"
+        if library or not isinstance(part, types.FunctionType) or part in self.met:
+            if not file and not library:
+                raise ValueError(f"{part.__name__} is in no file")
+            top = sys.modules.get(name.partition(".")[0])
+            return str, (name, part.__name__, getattr(top, "__version__", ""),
+                         b"" if library else pathlib.Path(file).read_bytes())
+        self.met.append(part)
+        names, codes = set(), [part.__code__]
+        for code in codes:    # grows with the functions inside
+            names.update(code.co_names)
+            codes += [c for c in code.co_consts if isinstance(c, types.CodeType)]
+        return str, (part.__code__, part.__defaults__, part.__kwdefaults__,
+                     [cell.cell_contents for cell in part.__closure__ or ()],
+                     [(n, part.__globals__[n]) for n in sorted(names)
+                      if n in part.__globals__])
 
 
 def write_whole(file, put):
@@ -1942,13 +1945,13 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     if times is not None:
         stops = np.unique(np.round(np.asarray(times) / dt).astype(int))
     elif algorithms:
-        stops = np.unique(np.round(np.geomspace(min(max(samples / 32, SHORT), samples),
-                                                samples, 6)).astype(int))
+        first = min(max(samples / 32, MIN_COMPARED), samples)
+        stops = np.unique(np.round(np.geomspace(first, samples, 6)).astype(int))
     else:
         stops = criteria_times(samples)
-    if algorithms and stops[0] < SHORT:
+    if algorithms and stops[0] < MIN_COMPARED:
         raise ValueError(f"the first time has {stops[0]} samples: "
-                         f"algorithms are compared from {SHORT} samples on")
+                         f"algorithms are compared from {MIN_COMPARED} samples on")
     if not 1 <= stops[0] <= stops[-1] <= samples:
         raise ValueError(f"times {stops[0] * dt:g} to {stops[-1] * dt:g} s "
                          f"do not lie within {dt:g} to {duration:g} s")
@@ -1981,7 +1984,7 @@ def check_trials(hypotheses, dt, duration, trials):
 def _run_trials(truths, grids, algorithms, dt, stops, trials, seed, executor=None,
                 checkpoint=None, progress=None):
     """All trials as one `_Chunk`."""
-    size = CHUNK if stops[-1] <= LONG and not algorithms else LANES
+    size = CHUNK if stops[-1] <= LONG_TRIAL and not algorithms else LANES
     firsts = range(0, trials, size)
     calls = [(checkpoint, tuple(truths), tuple(grids), tuple(algorithms.values()), dt,
               stops, seed, first, min(first + size, trials)) for first in firsts]
@@ -1997,7 +2000,7 @@ def _run_trials(truths, grids, algorithms, dt, stops, trials, seed, executor=Non
     return _Chunk(*(np.concatenate(part) for part in zip(*chunks)))
 
 
-SHORT = 32    # samples; slopes of an Allan deviation need as many
+MIN_COMPARED = 32    # samples; slopes of an Allan deviation need as many
 
 
 def _criteria(hypotheses, grids, reached, time, algorithms, chunk):
@@ -2224,31 +2227,6 @@ def _confusion(hypotheses, chunk):
     return text
 
 
-def at_condition(hypotheses, dt, new_dt=None, sigma_v=None):
-    """The same sensor sampled at another interval, or with another white noise.
-
-    A random walk and the density of the white noise stay what they are: sigma_w goes
-    with the root of the interval, sigma_v with its inverse, as if a sample were the
-    mean over its interval. `sigma_v`, u, is the new level at the old dt.
-    """
-    new_dt = dt if new_dt is None else new_dt
-    deaf = [h.name for h in hypotheses
-            if "sigma_v" not in inspect.signature(h.model).parameters]
-    if sigma_v is not None and deaf:
-        raise ValueError(f"{', '.join(deaf)} takes no sigma_v that could be varied")
-    factor = dict(sigma_w=np.sqrt(new_dt / dt), sigma_v=np.sqrt(dt / new_dt))
-    result = []
-    for h in hypotheses:
-        own = list(h.parameters)
-        if sigma_v is not None:
-            own = [p for p in own if p.symbol != "sigma_v"]
-            own.append(Parameter("sigma_v", sigma_v, sigma_v))
-        result.append(h._replace(parameters=tuple(
-            p._replace(low=p.low * factor.get(p.symbol, 1.0),
-                       high=p.high * factor.get(p.symbol, 1.0)) for p in own)))
-    return tuple(result), new_dt
-
-
 # ---- 6. Allan variance ----------------------------- IEEE Std 952, NIST SP 1065
 
 def allan_variance(omega, dt, m):
@@ -2341,7 +2319,8 @@ def _functional_variance(m, Phi, Q, H, m0, P0):
             for column in range(n):
                 total += g[row] * Q[row, column] * g[column]
                 new[row] += Phi[column, row] * g[column]
-        g[:] = new
+        for row in range(n):
+            g[row] = new[row]
     mean = 0.0
     for row in range(n):
         mean += g[row] * m0[row]
@@ -2465,7 +2444,11 @@ def identify_csv(file, column="error", dt=None):
         if not (np.abs(step - dt) < 0.1 * dt).all():
             raise ValueError(f"{file}: the times are not evenly spaced: sensorlab "
                              "reads such a record, --dt takes the samples as even")
-    posterior = identify(y, dt, default_hypotheses(y, dt))
-    best = posterior.estimates[int(posterior.probability.argmax())]
+    posterior = identify(y, dt)
     return "\n".join([f"{file}, column {column}: {len(y)} samples at {dt:g} s",
-                      summary(posterior), allan_misfit(y, dt, best).sentence])
+                      summary(posterior), allan_misfit(y, dt, posterior.best).sentence])
+
+
+for _result in (ShapingFilter, Trials, Grid, Box, Sums, Bank, Modes, Estimate,
+                Posterior, Curve, Criteria, Rival, _Chunk):
+    _result.__repr__ = brief

@@ -17,7 +17,8 @@ from scipy.special import gammaincinv, ndtri
 from sensorid import (
     JIT, Parameter, allan_deviation, at_quantiles, bank, filter_bank, free_columns,
     log_likelihood, markov, model_allan_variance, modes, random_walk, simulate,
-    spectrum, white_noise)
+    white_noise)
+from sensorlab.gap.kernels import spectrum
 
 
 def allan_line(tau, adev, slope):

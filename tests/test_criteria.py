@@ -103,6 +103,7 @@ def test_senseless_runs_are_refused(change, message):
         s.criteria(paper_case(2), **arguments)
 
 
+@pytest.mark.large
 # ---- how long must be recorded
 
 def test_criteria_meet_their_targets_at_the_length_that_is_named():

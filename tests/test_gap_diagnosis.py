@@ -36,7 +36,13 @@ def test_a_transient_is_no_bias_where_the_simulator_expects_none():
     assert sensorlab.diagnose(y, DT, MODEL).verdict == "none"    # a bias is no effect
 
 
-@pytest.mark.parametrize("effect", [*generator.ADDITIVE[1:], *generator.OTHERS])
+# one of each kind; the others are among the large tests
+KINDS = "bias_step", "sinusoid", "correlated_noise", "outliers", "quantization"
+
+
+@pytest.mark.parametrize("effect", [
+    e if e in KINDS else pytest.param(e, marks=pytest.mark.large)
+    for e in (*generator.ADDITIVE[1:], *generator.OTHERS)])
 def test_a_plain_effect_is_named(effect):
     record = generator.record(100, 7, [effect], level=4)
     d = diagnosed(record)
@@ -48,6 +54,7 @@ def test_a_plain_effect_is_named(effect):
     assert np.isnan(d.closed) or d.closed_interval[1] > 0.8
 
 
+@pytest.mark.large
 def test_nothing_is_said_where_nothing_is():
     said = [diagnosed(generator.record(200, k, edge=k % 2 == 0)).verdict
             for k in range(8)]
@@ -60,6 +67,7 @@ def test_what_stands_out_beside_a_wrong_effect_only_is_not_unknown():
     assert d.before.p_value > 0.1 and d.verdict in ("none", "undecided")
 
 
+@pytest.mark.large
 def test_where_in_its_ranges_the_simulator_lies_is_no_effect():
     corner = [sensorid.hypothesis("markov", tau_m=60.0, sigma_m=1.5, sigma_v=1.0)]
     all_of = [sensorlab.diagnose(y, DT, MODEL) for y in sensorid.simulate(
@@ -70,8 +78,9 @@ def test_where_in_its_ranges_the_simulator_lies_is_no_effect():
     assert sum(v not in ("none", "undecided") for v in said) <= 1, said
 
 
-@pytest.mark.parametrize("effect", ["skewed_noise", "garch", "chirp",
-                                    "cubic_temperature"])
+@pytest.mark.parametrize("effect", ["skewed_noise", *(
+    pytest.param(e, marks=pytest.mark.large)
+    for e in ("garch", "chirp", "cubic_temperature"))])
 def test_an_effect_outside_the_catalogue_is_unknown(effect):
     assert diagnosed(generator.record(300, 1, [effect], level=4)).verdict in (
         "unknown", "undecided")

@@ -2,6 +2,7 @@
 
 import generator
 import numpy as np
+import pytest
 from conftest import DT, MODEL
 from scipy.stats import binom, kstest
 
@@ -11,6 +12,7 @@ from sensorlab.gap import account, places
 from sensorlab.gap.effects import members
 
 
+@pytest.mark.large
 def test_p_values_of_records_without_an_effect_are_uniform():
     p = []
     for k, y in enumerate(sensorid.simulate(MODEL, DT, 1000, 60, seed=21).error):

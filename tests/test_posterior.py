@@ -63,7 +63,7 @@ def dense(h, dt, Y, nodes):
 
 @pytest.mark.parametrize("number, samples, nodes", [
     (1, 300, {1: 4000, 2: 400}), (2, 1000, {1: 4000, 2: 250}),
-    (3, 1000, {2: 400, 3: 75})])
+    pytest.param(3, 1000, {2: 400, 3: 75}, marks=pytest.mark.large)])
 def test_zoomed_posterior_equals_a_dense_grid(number, samples, nodes):
     H = paper_case(number)
     Y = s.simulate(H, 0.1, samples, 12, seed=20 + number).error

@@ -26,6 +26,7 @@ def test_a_turn_on_transient_and_its_temperature(real):
     assert abs(mean - 3.6) < 2.0 * sd    # mg/degC by regression of 10 s means
 
 
+@pytest.mark.large
 def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
     with np.load(real / "adis16405_run1.npz") as z:
         y = z["accel_counts"][0][:10000] * float(z["accel_lsb"]) * 1e3    # mg
@@ -50,6 +51,7 @@ def test_runs_of_one_sensor_differ_by_a_drift_or_not_at_all(real):
         runs[1][:300], 2.0)).verdict == "none"
 
 
+@pytest.mark.large
 def test_two_clusters_of_temperature_are_no_proof_of_it(real):
     with np.load(real / "bmi270_hot_cold.npz") as z:
         parts = [slice(0, 1000), slice(0, 1000)]

@@ -57,7 +57,8 @@ ROOMS = {    # of the laboratory; each takes only from those before it
     "sensorlab/gap": ["effects", "catalogue", "kernels", "filters", "evidence",
                       "signatures", "readings", "account", "causes", "places",
                       "diagnosis", "report"],
-    "sensorlab": ["gap", "rivals", "planning", "records", "modelfiles", "drawings", "commands"]}
+    "sensorlab": ["gap", "rivals", "planning", "records", "modelfiles", "drawings",
+                  "commands"]}
 
 
 def imported(file):
@@ -123,6 +124,7 @@ def test_figures_draw_what_they_compute(small, capsys):
         assert row.statement in text
 
 
+@pytest.mark.large
 def test_figures_7_and_8_compare_the_algorithms(small, monkeypatch, capsys):
     from figures import fig7, fig8
     monkeypatch.setattr(figures, "DURATION", 1024.0)

@@ -8,11 +8,12 @@ import os
 import numpy as np
 
 from sensorid import (
-    at_condition, check_targets, check_trials, criteria, record_length, write_whole)
+    check_targets, check_trials, criteria, record_length, write_whole)
 from sensorlab.commands.shared import (
     check_outputs, progress_bar, refuse_effects, write_json)
 from sensorlab.drawings import draw_criteria, draw_design, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
+from sensorlab.planning import at_condition
 from sensorlab.rivals import ALGORITHMS
 
 

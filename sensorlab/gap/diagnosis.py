@@ -241,8 +241,9 @@ class _Search(NamedTuple):
 def _search(full, scene, start, effects, before, trials, seed, tell):
     """`_Search` from an account on, until nothing more is found."""
     acc = start
-    path = Cause(tuple(r.found for r in start.readings), 1.0,
-                 sum(r.log_bayes for r in start.readings))
+    path = Cause(tuple(r.found._replace(values={
+        symbol: (value, 0.0) for symbol, value in r.found.values.items()})
+        for r in start.readings), 1.0, sum(r.log_bayes for r in start.readings))
     most = len(path.found) + MAX_EFFECTS
     leaves, after = {}, before
     if path.found:

@@ -10,11 +10,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tempered
-from sensorlab.gap.filters import ABREAST, with_constants
+from sensorlab.gap.filters import with_constants
+from sensorlab.gap.kernels import (
+    ABREAST, KERNEL, groups, in_threads, predict_covariance, predict_state,
+    update_covariance, update_state)
 
 
 class Sample(NamedTuple):
@@ -310,74 +313,67 @@ def _draw_onset(gain, peak, u):
     return onset, np.log((1.0 - STRAY_SHARE) * share * len(gain) + STRAY_SHARE)
 
 
-@njit(parallel=True, **JIT)
-def _draw_onsets(y, H, a, q, p0, early, late, u):
+def draw_onsets(y, H, modes, early, late, u):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
     the log of their density over 1 / N; ABREAST nodes side by side.
 
     The filter of the noise of variance early (M,) up to a sample and that of the noise
     of variance late (M,) from there on nearly give the likelihood of every onset
-    1 ... N - 1 at once.
+    1 ... N - 1 at once. A law to draw from need not be exact: logarithms are kept until
+    f changes, and what may be an outlier counts little.
     """
-    M, n, N = len(a), a.shape[1], len(y)
-    onset, density, bins = np.empty(M), np.zeros(M), (N - 2) // ONSET_BIN + 1
-    for group in prange((M + ABREAST - 1) // ABREAST):
-        first, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
-        A, Q = np.zeros((n, ABREAST)), np.zeros((n, ABREAST))
+    onset, density = np.zeros((2, len(u)))
+    in_threads(_draw_onset_groups, groups(len(u)), y, H, modes, early, late, u, onset,
+               density)
+    return onset, density
+
+
+@njit(**KERNEL)
+def _draw_onset_groups(first, last, y, H, modes, early, late, u, onset, density):
+    """Groups of `draw_onsets`."""
+    (M, n), N = modes.shape[1:], len(y)
+    bins = (N - 2) // ONSET_BIN + 1
+    for group in range(first, last):
+        start, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
+        a, q = np.zeros((n, ABREAST)), np.zeros((n, ABREAST))
         P, x = np.empty((n, n, ABREAST)), np.empty((n, ABREAST))
-        Ph = np.empty((n, ABREAST))
-        noise, f, nu = np.ones(ABREAST), np.empty(ABREAST), np.empty(ABREAST)
-        last, log_f, weight = np.zeros((3, ABREAST))
-        gain = np.zeros((N, ABREAST))
+        Ph, f, nu = np.empty((n, ABREAST)), np.empty(ABREAST), np.empty(ABREAST)
+        noise, last, log_f = np.ones(ABREAST), np.zeros(ABREAST), np.zeros(ABREAST)
+        weight, gain = np.empty(ABREAST), np.empty(ABREAST)
+        odds = np.zeros((N, ABREAST))
         for changed in range(2):
             P[:], x[:] = 0.0, 0.0
             for g in range(number):
-                node = first + g
+                node = start + g
                 noise[g] = late[node] if changed else early[node]
                 for s in range(n):
-                    A[s, g], Q[s, g] = a[node, s], q[node, s]
-                    P[s, s, g] = p0[node, s]
+                    a[s, g], q[s, g] = modes[0, node, s], modes[1, node, s]
+                    P[s, s, g] = modes[2, node, s]
             for i in range(N):
                 for g in range(ABREAST):
-                    nu[g] = y[i]
-                f[:] = noise
-                for s in range(n):
-                    for g in range(ABREAST):
-                        x[s, g] *= A[s, g]
-                        nu[g] -= H[i, s] * x[s, g]
-                        Ph[s, g] = Q[s, g] * H[i, s]
-                    for t in range(n):
-                        for g in range(ABREAST):
-                            P[s, t, g] *= A[s, g] * A[t, g]
-                            Ph[s, g] += P[s, t, g] * H[i, t]
-                    for g in range(ABREAST):
-                        P[s, s, g] += Q[s, g]
-                        f[g] += H[i, s] * Ph[s, g]
+                    f[g], nu[g] = noise[g], y[i]
+                predict_covariance(a, q, H[i], P, Ph, f)
+                predict_state(a, H[i], x, nu)
                 if np.isnan(y[i]):
                     continue
                 for g in range(ABREAST):
                     if abs(f[g] - last[g]) > 1e-6 * f[g]:
-                        # a law to draw from need not be exact
                         last[g], log_f[g] = f[g], np.log(f[g])
                     square = nu[g] * nu[g] / f[g]
-                    gain[i, g] += (changed - 0.5) * (
+                    odds[i, g] += (changed - 0.5) * (
                         log_f[g] + min(square, WILD_SQUARE))
                     weight[g] = 1.0 / f[g] if square < WILD_SQUARE else 0.0
-                for s in range(n):
-                    for g in range(ABREAST):
-                        x[s, g] += Ph[s, g] * nu[g] * weight[g]
-                    for t in range(n):
-                        for g in range(ABREAST):
-                            P[s, t, g] -= Ph[s, g] * Ph[t, g] * weight[g]
+                    gain[g] = nu[g] * weight[g]
+                update_state(x, Ph, gain)
+                update_covariance(P, Ph, weight)
         peak = np.full((bins, ABREAST), -np.inf)
         for i in range(N - 1):
             for g in range(ABREAST):
-                gain[i, g] += gain[i - 1, g] if i else 0.0
-                peak[i // ONSET_BIN, g] = max(peak[i // ONSET_BIN, g], gain[i, g])
+                odds[i, g] += odds[i - 1, g] if i else 0.0
+                peak[i // ONSET_BIN, g] = max(peak[i // ONSET_BIN, g], odds[i, g])
         for g in range(number):
-            onset[first + g], density[first + g] = _draw_onset(
-                gain[:N - 1, g], peak[:, g], u[first + g])
-    return onset, density
+            onset[start + g], density[start + g] = _draw_onset(
+                odds[:N - 1, g], peak[:, g], u[start + g])
 
 
 def onset_law(h, scene, signatures):
@@ -396,8 +392,8 @@ def onset_law(h, scene, signatures):
         """Theta with its onset at the quantile of that law that it has in the prior."""
         early, H = with_constants(h, scene, signatures, at_onset(theta, scene.duration))
         late, _ = with_constants(h, scene, signatures, at_onset(theta, 0.0))
-        onset, density = _draw_onsets(
-            scene.y, H, *early[:3], early.r[:, 0], late.r[:, -1],
-            (theta[:, at] - low) / (high - low))
+        onset, density = draw_onsets(
+            scene.y, H, np.array(early[:3]), early.r[:, 0].copy(),
+            late.r[:, -1].copy(), (theta[:, at] - low) / (high - low))
         return at_onset(theta, onset * scene.dt), -density
     return moved

@@ -16,7 +16,8 @@ from sensorid import allan_variance, brief, free_columns
 from sensorlab.gap.account import as_simulated, gaussian
 from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import BLOCK, Scene, Simulator, simulate_effects
-from sensorlab.gap.filters import filtered, predict, row_products
+from sensorlab.gap.filters import filtered, predict
+from sensorlab.gap.kernels import row_products
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
 from sensorlab.gap.signatures import POSTERIOR_NODES
 

@@ -49,16 +49,9 @@ def report(d, record):
         causes=[dict(effect=c.effect, column=c.column or None,
                      probability=c.probability, log_bayes_factor=c.log_bayes,
                      parameters={name: dict(mean=mean, sd=sd) for name, (mean, sd)
-                                 in _mean_and_sd(c).items()})
+                                 in c.parameters.items()})
                 for c in d.causes],
         needed_duration=d.needed_duration))
-
-
-def _mean_and_sd(cause):
-    """Parameters of a cause; those of a reading are seen, and have no spread."""
-    seen = {name for one in cause.found if one.effect.reading for name in one.values}
-    return {name: (value, 0.0) if name.rpartition(".")[2] in seen else value
-            for name, value in cause.parameters.items()}
 
 
 # ---- the table
@@ -119,7 +112,7 @@ def _causes(d, dt, unit):
 def _words(c, dt):
     """Parameters of a cause as text."""
     parts = []
-    for name, (mean, sd) in _mean_and_sd(c).items():
+    for name, (mean, sd) in c.parameters.items():
         if isinstance(mean, list):
             shown = mean if len(mean) <= 2 else f"{len(mean)} of them"
             parts.append(f"{name} {shown}")

@@ -8,14 +8,15 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from scipy.special import logsumexp
 
-from sensorid import JIT, brief, probabilities, spectrum
+from sensorid import JIT, brief, probabilities
 from sensorlab.gap.catalogue import CATALOGUE, MIN_CYCLES
 from sensorlab.gap.effects import BLOCK, Effect, Found, columns_of
 from sensorlab.gap.evidence import integrate, onset_law
-from sensorlab.gap.filters import Signature, polarized, processes, row_products, solve
+from sensorlab.gap.filters import Signature, polarized, processes, solve
+from sensorlab.gap.kernels import KERNEL, in_threads, row_products, spectrum
 
 NODE_BLOCK = 8 * BLOCK    # samples of one record at many nodes that are worked on at a
                           # time; few leave cores idle
@@ -60,13 +61,21 @@ def _looked_up(gain, table, per_unit):
     return table[low] + (at - low) * (table[low + 1] - table[low])
 
 
-@njit(parallel=True, **JIT)
-def _mean_bayes(gain, table, per_unit):
+def mean_bayes(gain, table):
     """ln of the mean Bayes factor over all psi, (M,), from gains (M, m)."""
-    M, m = gain.shape
-    result = np.empty(M)
-    plain = np.exp(table[:int(20.0 * per_unit)])    # spares an exp for each small gain
-    for node in prange(M):
+    result = np.empty(len(gain))
+    per_unit = 1.0 / GAIN_ROOT[1]
+    # of small gains B itself, which spares an exp for each
+    in_threads(_average, len(gain), np.ascontiguousarray(gain), table,
+               np.exp(table[:int(20.0 * per_unit)]), per_unit, result)
+    return result - np.log(gain.shape[1])
+
+
+@njit(**KERNEL)
+def _average(first, last, gain, table, plain, per_unit, result):
+    """ln of the sum of Bayes factors of nodes first ... last - 1."""
+    m = gain.shape[1]
+    for node in range(first, last):
         best = 0.0
         for j in range(m):
             best = max(best, gain[node, j])
@@ -80,12 +89,6 @@ def _mean_bayes(gain, table, per_unit):
             elif gain[node, j] > best - 100.0:
                 large += np.exp(_looked_up(gain[node, j], table, per_unit) - top)
         result[node] = np.log(small * np.exp(-top) + large) + top
-    return result - np.log(m)
-
-
-def mean_bayes(gain, table):
-    """ln of the mean Bayes factor over all psi, (M,), from gains (M, m)."""
-    return _mean_bayes(np.ascontiguousarray(gain), table, 1.0 / GAIN_ROOT[1])
 
 
 # ---- scores of all signatures of a family
@@ -190,18 +193,18 @@ def quadratic(h, scene, columns, theta):
 
 
 def _onset_scores(h, solved, scene, theta):
-    size, J = _step_sizes(solved.residual, solved.w, solved.cov, solved.steps)
+    size, J = np.empty((2, len(theta), len(scene.y) - 1))
+    in_threads(_step_sizes, len(theta), *solved[1:5], size, J)
     return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
 
 
-@njit(parallel=True, **JIT)
-def _step_sizes(residual, w, cov, steps):
+@njit(**KERNEL)
+def _step_sizes(first, last, residual, w, cov, steps, size, information):
     """Least-squares size of a step at samples 1 ... N - 1, and its information, of the
     parts of `Solved`: (M, N - 1) each.
     """
     M, C, N = w.shape
-    size, information = np.empty((M, N - 1)), np.empty((M, N - 1))
-    for node in prange(M):
+    for node in range(first, last):
         number, cross = 0.0, np.zeros(C)
         least = 1e-9 * steps[node].max()    # after the last sample seen there is none
         for i in range(N - 1, 0, -1):
@@ -214,30 +217,21 @@ def _step_sizes(residual, w, cov, steps):
                     J -= cross[c] * cov[node, c, d] * cross[d]
             J = max(J, 1e-6 * steps[node, i] + least)
             size[node, i - 1], information[node, i - 1] = number / J, J
-    return size, information
 
 
-@njit(parallel=True, **JIT)
-def _line_gains(line, turn, count, a, q, r):
-    """Gain, amplitude and its standard error (M, m) of sinusoids.
+@njit(**KERNEL)
+def _line_information(first, last, turn, count, a, q, r, J):
+    """Information (M, m) of sinusoids: count / 2 over the spectrum of the model,
+    averaged over the two levels that its white noise r (M, 1 or N) may have.
 
-    line (M, m) complex, the transform of C^-1 y; turn (m,) = |1 - exp(-i w)|^2. The
-    information of a sinusoid is count / 2 over the spectrum of the model, averaged over
-    the two levels that its white noise r (M, 1 or N) may have.
+    turn (m,) = |1 - exp(-i w)|^2.
     """
-    M, m = line.shape
-    gain, size, sd = np.empty((M, m)), np.empty((M, m)), np.empty((M, m))
-    for node in prange(M):
+    for node in range(first, last):
         low, high = r[node, 0], r[node, -1]
         share = (r[node].mean() - low) / (high - low) if high != low else 0.0
-        for j in range(m):
+        for j in range(len(turn)):
             S = spectrum(a[node], q[node], turn[j])
-            J = 0.5 * count * ((1.0 - share) / (S + low) + share / (S + high))
-            square = line[node, j].real**2 + line[node, j].imag**2
-            gain[node, j] = square / J
-            size[node, j] = np.sqrt(square) / J
-            sd[node, j] = 1.0 / np.sqrt(J)
-    return gain, size, sd
+            J[node, j] = 0.5 * count * ((1.0 - share) / (S + low) + share / (S + high))
 
 
 PADDING = 4    # frequencies per 1 / T
@@ -248,9 +242,12 @@ def _frequency_scores(h, solved, scene, theta):
     keep = slice(MIN_CYCLES * PADDING, -PADDING)
     frequency = np.fft.rfftfreq(n, scene.dt)[keep]
     line = np.fft.rfft(solved.residual, n)[:, keep]
+    square = line.real**2 + line.imag**2
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
-    return Scores(frequency, *_line_gains(line, turn, np.sum(~np.isnan(scene.y)), own.a,
-                                          own.q, own.r), 2)
+    J = np.empty_like(square)
+    in_threads(_line_information, len(theta), turn, np.sum(~np.isnan(scene.y)),
+               *map(np.ascontiguousarray, (own.a, own.q, own.r)), J)
+    return Scores(frequency, square / J, np.sqrt(square) / J, 1.0 / np.sqrt(J), 2)
 
 
 SEARCHES = dict(onset=_onset_scores, frequency=_frequency_scores)

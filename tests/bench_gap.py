@@ -1,0 +1,115 @@
+"""pytest tests/bench_gap.py --benchmark-enable: kernels of the gap, and why the bank of
+`sensorid` does not take its steps from them.
+
+Answers are compared before anything is timed, and whatever compiles has compiled.
+`conftest.py` prints the table: seconds for 64 nodes on a record of 20 000 samples.
+"""
+
+import numpy as np
+import pytest
+from conftest import DT, MODEL, RATES, member
+from numba import njit
+from numpy.testing import assert_allclose
+
+import sensorid as s
+from sensorlab import Scene
+from sensorlab.gap import evidence, filters
+from sensorlab.gap.kernels import (
+    ABREAST, KERNEL, groups, in_threads, predict_covariance, predict_state,
+    update_covariance, update_state)
+
+SCENE = Scene(s.simulate(MODEL[:1], DT, 20000, seed=2).error[0], DT, {})
+
+
+def nodes(h, count=64):
+    """Theta at random quantiles of the prior."""
+    u = np.random.default_rng(3).uniform(0.2, 0.8, (count, len(s.free_columns(
+        h.parameters))))
+    return s.at_quantiles(h.parameters, u)
+
+
+@njit(**KERNEL)
+def bank_of_steps(first, last, y, modes, r, sums):
+    """chi2 and log_det (2, M) of a record without gaps and bias."""
+    M, n = modes.shape[1:]
+    h = np.ones(n)
+    for group in range(first, last):
+        a, q = np.empty((n, ABREAST)), np.empty((n, ABREAST))
+        P, x = np.zeros((n, n, ABREAST)), np.zeros((n, ABREAST))
+        Ph, f, nu = np.empty((n, ABREAST)), np.empty(ABREAST), np.empty(ABREAST)
+        weight, gain = np.empty(ABREAST), np.empty(ABREAST)
+        chi2, log_det = np.zeros(ABREAST), np.zeros(ABREAST)
+        for g in range(ABREAST):
+            node = min(group * ABREAST + g, M - 1)
+            for k in range(n):
+                a[k, g], q[k, g] = modes[0, node, k], modes[1, node, k]
+                P[k, k, g] = modes[2, node, k]
+        for i in range(len(y)):
+            for g in range(ABREAST):
+                f[g], nu[g] = r[min(group * ABREAST + g, M - 1)], y[i]
+            predict_covariance(a, q, h, P, Ph, f)
+            predict_state(a, h, x, nu)
+            for g in range(ABREAST):
+                weight[g] = 1.0 / f[g]
+                gain[g] = nu[g] * weight[g]
+                chi2[g] += nu[g] * gain[g]
+                log_det[g] += np.log(f[g])
+            update_state(x, Ph, gain)
+            update_covariance(P, Ph, weight)
+        for g in range(min(ABREAST, M - group * ABREAST)):
+            sums[0, group * ABREAST + g] = chi2[g]
+            sums[1, group * ABREAST + g] = log_det[g]
+
+
+def of_steps(b):
+    own = s.modes(b)
+    sums = np.empty((2, len(b.r)))
+    in_threads(bank_of_steps, groups(len(b.r)), SCENE.y, np.array(own[:3]),
+               own.r[:, 0].copy(), sums)
+    return sums
+
+
+def timed(benchmark, name, work):
+    work()
+    benchmark.pedantic(work, rounds=5)
+    if benchmark.stats:
+        RATES[f"{name}, s"] = benchmark.stats.stats.min
+
+
+@pytest.mark.parametrize("effect", ["correlated_noise", "bias_instability"])
+def test_a_bank_of_the_shared_steps(benchmark, effect):
+    h = member(SCENE, MODEL[0], effect)
+    b = s.bank(h, DT, nodes(h))
+    own = next(s.filter_bank(b, SCENE.y[None], [len(SCENE.y)]))
+    assert_allclose(of_steps(b), [own.chi2[0], own.log_det], rtol=1e-9)
+    timed(benchmark, f"{effect}, a bank of the shared steps", lambda: of_steps(b))
+
+
+@pytest.mark.parametrize("effect", ["correlated_noise", "bias_instability"])
+def test_the_bank(benchmark, effect):
+    h = member(SCENE, MODEL[0], effect)
+    b = s.bank(h, DT, nodes(h))
+    timed(benchmark, f"{effect}, the bank (with bias)", lambda: next(
+        s.filter_bank(b, SCENE.y[None], [len(SCENE.y)])))
+
+
+@pytest.mark.parametrize("effects", [["outliers"], ["random_telegraph"],
+                                     ["outliers", "random_telegraph"]])
+def test_filters_with_jumps(benchmark, effects):
+    h = member(SCENE, MODEL[0], *effects)
+    theta = nodes(h)
+    timed(benchmark, "+".join(effects), lambda: filters.log_likelihoods(
+        h, SCENE, (), theta))
+
+
+def test_the_backward_pass(benchmark):
+    h = member(SCENE, MODEL[0])
+    theta = nodes(h)
+    timed(benchmark, "backward pass", lambda: filters.solve(h, SCENE, (), theta))
+
+
+def test_the_law_of_onsets(benchmark):
+    h = member(SCENE, MODEL[0], "noise_step")
+    theta = nodes(h)
+    move = evidence.onset_law(h, SCENE, ())
+    timed(benchmark, "law of onsets", lambda: move(theta))
