@@ -1,4 +1,4 @@
-"""pytest tests/bench_gap.py --benchmark-enable: kernels of the gap, and why the bank of
+"""pytest tests/bench_gap.py --benchmark-enable -n 0: kernels of the gap, and why the bank of
 `sensorid` does not take its steps from them.
 
 Answers are compared before anything is timed, and whatever compiles has compiled.

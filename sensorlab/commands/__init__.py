@@ -4,7 +4,7 @@ import importlib
 import os
 import sys
 
-from sensorlab.commands.parser import parser
+from sensorlab.commands.options import parser
 
 
 def main(argv=None):
