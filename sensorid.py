@@ -68,6 +68,19 @@ def main(argv=None):
 if __name__ == "__main__":    # before anything large is imported
     sys.exit(main())
 
+
+def __getattr__(name):
+    """What stood in this file before 0.2 and stands in `sensorlab` now."""
+    if not name.startswith("_"):
+        try:
+            import sensorlab
+            return getattr(sensorlab, name)
+        except (ModuleNotFoundError, AttributeError):
+            pass
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}; diagnosis, "
+                         "files and other algorithms are in the package sensorlab")
+
+
 import hashlib
 import inspect
 import os

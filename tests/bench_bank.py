@@ -1,4 +1,4 @@
-"""pytest tests/bench_bank.py --benchmark-enable -n 0: the filter bank against its peers.
+"""pytest tests/bench_bank.py --benchmark-enable -n 0: the bank against its peers.
 
 Every peer runs the two-state filter of Eqs. (22)-(23) in float64 at as much of the same
 work as it does in about a second. Log-likelihoods are compared before anything is

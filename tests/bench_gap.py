@@ -1,5 +1,5 @@
-"""pytest tests/bench_gap.py --benchmark-enable -n 0: kernels of the gap, and why the bank of
-`sensorid` does not take its steps from them.
+"""pytest tests/bench_gap.py --benchmark-enable -n 0: kernels of the gap, and why the
+bank of `sensorid` does not take its steps from them.
 
 Answers are compared before anything is timed, and whatever compiles has compiled.
 `conftest.py` prints the table: seconds for 64 nodes on a record of 20 000 samples.

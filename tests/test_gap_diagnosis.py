@@ -147,6 +147,19 @@ def test_a_users_effect_joins_the_catalogue_in_a_few_lines():
     assert d.found[0].values["size"][0] == pytest.approx(6.0, abs=1.5)
 
 
+def test_a_coarse_lattice_is_seen_beside_an_effect_that_the_simulator_has():
+    noise = Found(EFFECTS["correlated_noise"], values=dict(
+        tau=sensorid.Parameter("tau", 9.0, 9.0),
+        sigma=sensorid.Parameter("sigma", 0.8, 0.8)))
+    simulator = sensorlab.Simulator(MODEL[:1], ((noise,),))
+    scene = Scene(np.zeros(1000), DT, {})
+    y = sensorlab.simulate_effects(simulator, scene, seed=3).error[0]
+    d = sensorlab.diagnose(np.round(y / 3.0) * 3.0, DT, simulator)
+    assert d.verdict == "quantization" and d.found[0].values["lsb"][0] == 3.0
+    assert [one.name for one in sensorlab.augmented(d).effects[0]] == [
+        "correlated_noise", "quantization"]
+
+
 def test_a_diagnosis_does_not_depend_on_the_number_of_threads():
     record = generator.record(500, 1, ["sinusoid"], level=3)
     answers = []

@@ -16,6 +16,7 @@ import pytest
 
 import figures
 import sensorid
+import sensorlab
 from sensorlab.commands import main
 from figures import fig1, identification, table
 
@@ -87,7 +88,12 @@ def test_a_room_takes_only_from_those_before_it(folder):
 
 
 def test_the_paper_takes_nothing_from_the_laboratory_but_its_commands():
-    assert set(imported(ROOT / "sensorid.py")) == {"sensorlab.commands", "sensorid"}
+    # and, for those who ask by their old names, what moved there
+    assert set(imported(ROOT / "sensorid.py")) == {
+        "sensorlab.commands", "sensorlab", "sensorid"}
+    assert sensorid.diagnose is sensorlab.diagnose
+    with pytest.raises(AttributeError, match="are in the package sensorlab"):
+        sensorid.nothing
 
 
 def test_examples_in_the_docstrings_are_true():

@@ -1,12 +1,37 @@
 """Why a simulated record differs from the real one.
 
 A simulator is a set of hypotheses. Every effect that it may lack joins it as one more
-hypothesis, in one of four ways:
+hypothesis, and Eq. (10) gives its probability. An effect is given by what it does:
 
-  signature   something known times an unknown size is added to the record;
-  process     another shaping filter, or another variance, inside the model;
-  jumps       noises that are not Gaussian: a filter with several modes;
-  reading     the values themselves are altered: rounded, clipped, repeated.
+    columns    something known, times an unknown size, is added to the record
+    model      another shaping filter, or another variance, inside the model
+    jumps      noise that is not Gaussian: a filter with several modes
+    reading    the values themselves are altered: rounded, clipped, repeated
+    factor     a parameter of the simulator is itself wrong
 
 Evidence is integrated over all parameters, Eq. (11), by adaptive importance sampling.
+
+Notation
+    scene        a record and what was recorded beside it
+    member       a hypothesis of the simulator with the effects inside its filter
+    found        an effect with its column, its variant and its values
+    signature    the columns of a found effect, with the prior of their size
+    family       one effect on one column: signatures at many values of psi
+    psi          what a signature depends on besides its size: onset, frequency, tau
+    variant      one of several forms of an effect: the square or the modulus of a rate
+    reading      what the values of a record show by themselves: a lattice, a limit
+    account      what a record is explained by: members, signatures, readings, a fit
+    cause        a set of effects with its probability; the empty one is none
+    place        one of six ways to look: time, frequency, averaging time, lag,
+                 amplitude, covariate
+    gap          distances of a record from the simulator of an account, by place
+    closure      how much smaller the gap is with the effects that were found
+    held out     the last third of a record, foretold by a fit of the rest
+    theta, x     parameters; the same where the prior is N(0, I)
+    w, C         weights; covariance of a record under a member
+    z            normal scores of a record, N(0, 1) and white if all is well
+
+The files read in the order of the argument; each takes only from those before it:
+effects, catalogue, kernels, filters, evidence, signatures, readings, account, causes,
+places, diagnosis, report.
 """

@@ -6,12 +6,13 @@ hypothesis; effects add parameters until a grid of them is too large, so that
 one against the other.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from scipy.special import logsumexp, ndtr, ndtri
+from scipy.stats import multivariate_t
+from scipy.stats.qmc import LatinHypercube
 
 from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tempered
 from sensorlab.gap.filters import with_constants
@@ -112,16 +113,6 @@ def _log_normal(x):
     return -0.5 * (x * x).sum(1) - 0.5 * x.shape[1] * LOG_2PI
 
 
-def _log_t(x, mean, chol, nu=5.0):
-    """Log density of a multivariate Student t."""
-    e = np.linalg.inv(chol) @ (x - mean).T
-    d = len(mean)
-    return (-0.5 * (nu + d) * np.log1p((e * e).sum(0) / nu)
-            - np.log(np.diag(chol)).sum()
-            + math.lgamma(0.5 * (nu + d)) - math.lgamma(0.5 * nu)
-            - 0.5 * d * np.log(nu * np.pi))
-
-
 def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
               seed=0):
     """Evidence and posterior sample by adaptive multiple importance sampling.
@@ -196,8 +187,7 @@ def _first_points(d, guess, rng):
     """
     # few of the prior where a whole guess may do better
     count = ROUND if guess is None or len(guess[0]) < d else ROUND // 4
-    strata = np.array([rng.permutation(count) for _ in range(d)]).T
-    x = ndtri((strata + rng.random(strata.shape)) / count)
+    x = ndtri(LatinHypercube(d, rng=rng).random(count))
     proposals = [(count, _log_normal)]
     if guess is not None:
         k = len(guess[0])
@@ -211,10 +201,9 @@ def _first_points(d, guess, rng):
 
 def _drawn(mean, cov, rng):
     """A round of points from a Student t somewhat wider than a law, and its density."""
-    chol = np.linalg.cholesky(1.2 * cov + 1e-12 * np.eye(len(mean)))
-    x = mean + (rng.standard_normal((ROUND, len(mean))) @ chol.T
-                / np.sqrt(rng.chisquare(5, (ROUND, 1)) / 5))
-    return x, lambda x: _log_t(x, mean, chol)
+    law = multivariate_t(mean, 1.2 * cov + 1e-12 * np.eye(len(mean)), df=5)
+    x = law.rvs(ROUND, random_state=rng).reshape(ROUND, len(mean))
+    return x, lambda x: np.reshape(law.logpdf(x), len(x))
 
 
 def _highest(points, modes):

@@ -94,7 +94,8 @@ SCORE_LIMIT = 37.0    # standard deviations: no normal score of double precision
 def normal_score(below, above):
     """Normal score of a value with these probabilities below and above it."""
     with np.errstate(divide="ignore"):
-        return np.where(below < above, ndtri(below), -ndtri(above))
+        score = np.where(below < above, ndtri(below), -ndtri(above))
+    return np.clip(score, -SCORE_LIMIT, SCORE_LIMIT)
 
 
 def log_likelihoods(h, scene, signatures, theta):

@@ -10,13 +10,14 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammainc, log_ndtr, ndtr, ndtri, ndtri_exp
+from scipy.special import chdtr, chdtrc, log_ndtr, ndtr, ndtri, ndtri_exp
+from scipy.stats import poisson
 
 from sensorid import allan_variance, brief, free_columns
 from sensorlab.gap.account import as_simulated, gaussian
 from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import BLOCK, Scene, Simulator, simulate_effects
-from sensorlab.gap.filters import filtered, predict
+from sensorlab.gap.filters import filtered, normal_score, predict
 from sensorlab.gap.kernels import row_products
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
 from sensorlab.gap.signatures import POSTERIOR_NODES
@@ -35,8 +36,8 @@ def _normal_tail(log_p):
 
 
 def _chi2_score(total, n):
-    """Normal score of a chi2 of n degrees of freedom (Wilson and Hilferty)."""
-    return ((total / n)**(1 / 3) - 1.0 + 2.0 / (9.0 * n)) / np.sqrt(2.0 / (9.0 * n))
+    """Normal score of a chi2 of n degrees of freedom."""
+    return normal_score(chdtr(n, total), chdtrc(n, total))
 
 
 def _largest_score(log_tail, n):
@@ -48,8 +49,9 @@ def _largest_score(log_tail, n):
 
 def _count_score(n, expected):
     """Normal score of a Poisson count, in the middle of its probability."""
-    more, as_many = gammainc(n + 1.0, expected), gammainc(np.maximum(n, 0.5), expected)
-    return -ndtri(np.maximum(0.5 * (more + np.where(n > 0, as_many, 1.0)), 1e-300))
+    law = poisson(expected)
+    return normal_score(0.5 * (law.cdf(n) + law.cdf(n - 1)),
+                        0.5 * (law.sf(n) + law.sf(n - 1)))
 
 
 # ---- statistics, a function for each place
