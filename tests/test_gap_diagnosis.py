@@ -244,6 +244,34 @@ def test_units_are_no_effect():
     assert_allclose(found(1e-9, 1e6), found(1e-7, 1.0), atol=0.01)
 
 
+@pytest.mark.parametrize("unit", [1e-15, 1e15])
+def test_no_verdict_hangs_on_the_unit(unit):
+    rng = np.random.default_rng(7)
+    T = np.sin(np.arange(500) / 90.0)
+    for effect in (0.0, 1.0):
+        y = rng.normal(size=500) + effect * T
+
+        def probable(u):
+            h = sensorid.hypothesis("random_walk", sigma_w=(1e-3 * u, 0.3 * u),
+                                    sigma_v=(0.3 * u, 3.0 * u), bias_sigma=u)
+            d = sensorlab.diagnose(u * y, DT, [h], dict(temperature=T))
+            return [c.probability for c in d.causes if c.probability > 0.02]
+        assert_allclose(probable(unit), probable(1.0), atol=0.01)
+
+
+@pytest.mark.parametrize("offset", [1e5, -1e9])
+def test_no_verdict_hangs_on_a_large_offset(offset):
+    y = np.random.default_rng(3).normal(size=600) + 4.0 * (np.arange(600) > 250)
+    near, far = (sensorlab.diagnose(y + b, DT, WHITE) for b in (0.0, offset))
+    assert near.verdict == far.verdict == "bias_step"
+    assert far.found[0].values["size"][0] == pytest.approx(
+        near.found[0].values["size"][0], abs=1e-3)
+    (h,), _ = sensorlab.augmented(far)
+    assert h.bias_sigma == pytest.approx(abs(offset), rel=0.5)
+    clipped = sensorlab.diagnose(np.minimum(y, 4.5) + offset, DT, WHITE)
+    assert clipped.found[0].values["limits"][0][1] == pytest.approx(offset + 4.5)
+
+
 def test_what_two_thirds_do_not_show_is_not_foretold():
     y = np.random.default_rng(9).normal(size=1200)
     y[1000:] *= 4.0

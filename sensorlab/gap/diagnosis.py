@@ -20,7 +20,8 @@ class Diagnosis(NamedTuple):
     shrinks.
     """
 
-    scene: Scene             # less what the simulator's own signatures add
+    scene: Scene             # less what the simulator's own signatures add, and offset
+    offset: float            # u, taken away where it is large beside all else
     verdict: str             # an effect ("a+b" for two), none, unknown or undecided
     causes: tuple            # of Cause, most probable first; none and unknown are there
     known: tuple             # of Found: signatures that the simulator has
@@ -83,12 +84,13 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     effects = tuple(CATALOGUE.values() if effects is None else effects)
     tell = _steps(progress)
 
-    full, known, bases = _without_known(_simulator(simulator), Scene(y, dt, columns))
+    full, offset, known, bases = _without_known(_simulator(simulator),
+                                                Scene(y, dt, columns))
     base = account(full, bases)
     before = distance(full, base, trials, seed)
     tell()
     scene, start = _without_readings(full, base)
-    search = _search(full, scene, start, effects, before, trials, seed, tell)
+    search = _search(full, offset, scene, start, effects, before, trials, seed, tell)
     causes = _causes(search, start, before)
     verdict = verdict_of(causes)
     final = search.account
@@ -96,7 +98,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
                                                            1)
     more = final.signatures or len(final.member.effects) > len(start.member.effects)
     result = Diagnosis(
-        full, verdict, causes, known, base, final, search.path.found, before,
+        full, offset, verdict, causes, known, base, final, search.path.found, before,
         search.after, *closure(before, search.after), float(gain),
         held_out(full, start, final, trials or TRIALS // 2, seed + 2) if more or
         final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis else None,
@@ -122,12 +124,22 @@ def augmented(d):
     # a uniform range of this half-width has that standard deviation
     width = np.sqrt(3.0) * d.final.sample.sd(d.final.theta)
     (h,), (effects,) = as_simulated(d.final, d.scene, d.after.theta, width)
-    return Simulator((h,), ((*d.known, *effects),))
+    h = h._replace(bias_sigma=float(np.hypot(h.bias_sigma, d.offset)))
+    return Simulator((h,), ((*d.known, *(_at_offset(e, d.offset) for e in effects)),))
+
+
+def _at_offset(found, offset):
+    """A reading of a record less an offset as one of the record itself."""
+    if "limits" not in found.values:
+        return found
+    return found._replace(values=dict(limits=[
+        limit + offset for limit in found.values["limits"]]))
 
 
 # ---- the simulator, and the record less what is known
 
 UNEXPECTED = 3.0        # standard deviations of the mean: a bias the simulator lacks
+FAR_FROM_ZERO = 30.0    # standard deviations of the record
 ROUNDING = 1e5          # a prior this much wider than the record tells nothing
 
 
@@ -153,8 +165,8 @@ def _simulator(simulator):
 
 
 def _without_known(simulator, scene):
-    """The scene less the signatures that the simulator has, these, and the members of
-    the simulator with a bias that the record may have.
+    """The scene less the signatures that the simulator has and less an offset, these,
+    and the members of the simulator with a bias that the record may have.
     """
     known = tuple(one for one in simulator.pairs[0][1] if one.effect.columns)
     y = scene.y
@@ -165,15 +177,19 @@ def _without_known(simulator, scene):
                              f"{', '.join(scene.columns) or 'nothing'}")
         y = y - signature_of(scene, one, {symbol: getattr(p, "low", p)
                                           for symbol, p in one.values.items()})
-    scene = scene._replace(y=y)
-    bases, mean = members(simulator, scene), abs(float(np.nanmean(y)))
-    # of two numbers in double precision, one must not drown the other
-    most = ROUNDING * max(float(np.nanstd(y)), mean)
-    bases = tuple(_with_bias(h, min(h.bias_sigma, most)) for h in bases)
-    if mean > UNEXPECTED * expected_mean(bases, scene.dt, len(y)):
+    bases = members(simulator, scene._replace(y=y))
+    mean, spread, offset = float(np.nanmean(y)), float(np.nanstd(y)), 0.0
+    if abs(mean) > UNEXPECTED * expected_mean(bases, scene.dt, len(y)):
         # a bias that the simulator does not expect must not pass for an effect
-        bases = tuple(_with_bias(h, max(h.bias_sigma, mean)) for h in bases)
-    return scene, known, bases
+        bases = tuple(_with_bias(h, max(h.bias_sigma, abs(mean))) for h in bases)
+    if abs(mean) > FAR_FROM_ZERO * spread:
+        # its prior is flat where the bias may be: less the mean of the record, a flat
+        # one about zero says the same, and squares keep their digits
+        offset, y = mean, y - mean
+    # of two numbers in double precision, one must not drown the other
+    bases = tuple(_with_bias(h, min(h.bias_sigma, ROUNDING * max(
+        spread, abs(float(np.nanmean(y)))))) for h in bases)
+    return scene._replace(y=y), offset, known, bases
 
 
 def _with_bias(h, bias_sigma):
@@ -238,11 +254,12 @@ class _Search(NamedTuple):
     after: Gap
 
 
-def _search(full, scene, start, effects, before, trials, seed, tell):
+def _search(full, offset, scene, start, effects, before, trials, seed, tell):
     """`_Search` from an account on, until nothing more is found."""
     acc = start
     path = Cause(tuple(r.found._replace(values={
-        symbol: (value, 0.0) for symbol, value in r.found.values.items()})
+        symbol: (value, 0.0) for symbol, value in _at_offset(
+            r.found, offset).values.items()})
         for r in start.readings), 1.0, sum(r.log_bayes for r in start.readings))
     most = len(path.found) + MAX_EFFECTS
     leaves, after = {}, before

@@ -193,7 +193,7 @@ def _filter_mixtures(first, last, levels, kinds, y, H, modes, r, outlier, jump, 
                         mass[g] += term[level, kind, g]
             for g in range(ABREAST):
                 log_f[g] += seen[g] * (least[g] + 0.5 * LOG_2PI)
-                product[g] *= seen[g] * mass[g] + 1.0 - seen[g]
+                product[g] *= seen[g] * mass[g] + (1.0 - seen[g])
             if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
                 for g in range(ABREAST):
                     log_f[g] -= np.log(product[g])
