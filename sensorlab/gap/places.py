@@ -384,10 +384,11 @@ class _Refit(NamedTuple):
         step, sample = self.step[free], acc.sample
         cov = np.atleast_2d(np.cov((sample.theta[:, free] / step).T, ddof=0,
                                    aweights=sample.weight))
-        for attempt in range(4):
+        for _ in range(4):    # with the same noises, or it would walk about
             _, masked = self.setting.drawn(self.setting.simulator(truth), 48,
-                                           seed + 100 + attempt)
+                                           seed + 100)
             s = self.gains(np.vstack([self.setting.own, masked]))
+            s[1:] = _without_tails(s[1:])
             told = np.cov(s[1:].T).reshape(len(free), -1)
             away = (truth - acc.theta)[free] / step
             move = cov @ (s[0] - s[1:].mean(0) + told @ away) - away
@@ -395,6 +396,15 @@ class _Refit(NamedTuple):
             truth[free] = np.maximum(truth[free] + move * step / max(length, 1.0),
                                      0.5 * truth[free])
         return truth
+
+
+def _without_tails(s):
+    """Gains (B, d) with what lies far out put at three standard deviations: where a
+    filter takes one level for the other, one record would outweigh all others.
+    """
+    middle = np.median(s, 0)
+    sd = 1.4826 * np.median(np.abs(s - middle), 0)
+    return np.clip(s, middle - 3.0 * sd, middle + 3.0 * sd)
 
 
 def _refitted(T, s):
