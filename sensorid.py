@@ -97,6 +97,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 import numpy as np
 from numba import njit, prange
 from scipy.optimize import isotonic_regression
+from scipy.special import ndtri
 
 __all__ = [
     "MODELS", "ShapingFilter", "shaping_filter", "Parameter", "Hypothesis",
@@ -1192,6 +1193,7 @@ ABSCISSAE, WEIGHTS = np.polynomial.legendre.leggauss(16)
 GAMMA = 0.8         # threshold of the decision, the paper's value
 TAIL = 14.0         # nats below the mode at which a posterior is cut off: 1e-7 of it
 SETTLED = 0.03      # nats, and standard deviations, that a finer grid may change
+SCALE_POINTS = 16   # point masses of a node: quantiles are good to 1 / 32
 MAX_ZOOMS = 60      # each halves a box or so; 1e-9 of the prior takes 30
 NODES_PER_SD = 1.5  # along every axis; what the prior's edges need,
                     # a Gaussian needs 0.7
@@ -1562,17 +1564,20 @@ def resolve(h, dt, y, max_nodes=60000):
 
 
 def _point_masses(g, mass, first, second):
-    """Point masses, Eq. (3): three a node where the scale is integrated (Hermite)."""
+    """Point masses, Eq. (3): SCALE_POINTS a node where the scale is integrated, at even
+    quantiles of the normal law of its moments.
+    """
     weight = np.exp(mass - mass.max())
-    keep = weight > 1e-12 * weight.sum()
+    keep = weight > 1e-9 * weight.sum()
     weight, first = weight[keep], first[keep]
     sd = np.sqrt(np.maximum(second[keep] - first**2, 0.0))
-    points = [(1.0, 0.0)] if not g.exponent.any() else [
-        (2 / 3, 0.0), (1 / 6, 3**0.5), (1 / 6, -3**0.5)]
-    theta = [g.theta[keep] * np.where(g.exponent, (first + at * sd)[:, None], 1.0)
-             for _, at in points]
-    weight = np.concatenate([share * weight for share, _ in points])
-    return np.concatenate(theta), weight / weight.sum()
+    at = np.zeros(1)
+    if g.exponent.any():
+        at = ndtri((np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS)
+        at /= np.sqrt(np.mean(at**2))
+    theta = [g.theta[keep] * np.where(g.exponent, (first + t * sd)[:, None], 1.0)
+             for t in at]
+    return np.concatenate(theta), np.tile(weight / weight.sum() / len(at), len(at))
 
 
 def identify(y, dt, hypotheses=None, progress=None):

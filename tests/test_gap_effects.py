@@ -11,8 +11,8 @@ from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
 from sensorlab.gap import filters
 
 
-@pytest.mark.parametrize("name", ["correlated_noise", "bias_instability", "bandwidth",
-                                  "noise_step"])
+@pytest.mark.parametrize("name", ["random_walk", "correlated_noise",
+                                  "bias_instability", "bandwidth", "noise_step"])
 def test_processes_have_the_covariance_that_is_written(name):
     scene = Scene(np.zeros(200), DT, {})
     h = member(scene, MODEL[1], name)
@@ -20,6 +20,8 @@ def test_processes_have_the_covariance_that_is_written(name):
     lag = np.abs(t[:, None] - t)
     base = 0.81 * np.exp(-lag / 300.0)
     own, expected = {
+        "random_walk": ((0.1,), base + 0.16 * eye + 0.01 * np.minimum.outer(
+            t + 1, t + 1)),
         "correlated_noise": ((7.0, 0.6), base + 0.16 * eye
                              + 0.36 * np.exp(-lag / 7.0)),
         "bias_instability": ((0.6,), base + 0.16 * eye + 0.36 * np.log10(20.0) / 2 * (

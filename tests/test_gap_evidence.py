@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 import sensorid
 from sensorlab import Scene
 from sensorlab.gap import account, evidence, filters
+from sensorlab.gap.catalogue import MIN_SIDE
 
 
 @pytest.mark.parametrize("k", [0, 1])
@@ -73,7 +74,7 @@ def test_onsets_are_drawn_from_their_law():
 def test_evidence_of_an_unknown_onset_is_the_sum_over_all():
     scene, h = stepped()
     every = np.array([[0.05, 1.0, (i + 0.5) * DT, 2.0]
-                      for i in range(1, len(scene.y) - 1)])
+                      for i in range(MIN_SIDE, len(scene.y) - MIN_SIDE)])
     exact = logsumexp(filters.log_likelihoods(h, scene, (), every)) - np.log(
         len(every))
     s = evidence.integrate(

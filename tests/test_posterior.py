@@ -3,6 +3,7 @@ import pytest
 from conftest import paper_case
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
+from scipy.stats import kstest
 
 import naive
 import sensorid as s
@@ -113,6 +114,22 @@ def test_point_masses_have_the_moments_of_the_estimate():
         away = e.theta - mean
         assert_allclose(np.einsum("j,ja,jb", e.weight, away, away), e.covariance,
                         rtol=1e-6)
+
+
+@pytest.mark.large
+@pytest.mark.parametrize("number", [1, 3])
+def test_point_masses_have_the_quantiles_of_the_posterior(number):
+    """The rank of the truth is uniform, for every parameter."""
+    for h in paper_case(number):
+        T = s.simulate([h], 1.0, 300, 200, seed=30 + number)
+        ranks = []
+        for y, truth in zip(T.error, T.theta):
+            e = s.identify(y, 1.0, [h]).estimates[0]
+            ranks.append(e.weight @ (e.theta < truth))
+        for column, p in enumerate(h.parameters):
+            # 1 / 32 for the points; of four or six tests one fails in 200
+            ks = kstest(np.array(ranks)[:, column], "uniform")
+            assert ks.statistic < 1.63 / np.sqrt(200) + 1 / 32, (h.name, p.symbol)
 
 
 def test_state_equals_the_reference_implementation():

@@ -10,8 +10,8 @@ ALGORITHMS = "slopes", "gmwm", "aic", "bic", "whittle"
 EFFECTS = (
     "rate_ramp", "bias_step", "turn_on_transient", "sinusoid", "temperature",
     "thermal_lag", "scale_factor", "nonlinearity", "latency", "g_sensitivity",
-    "covariate", "correlated_noise", "bias_instability", "bandwidth", "noise_step",
-    "outliers", "random_telegraph", "quantization", "saturation", "stuck",
+    "covariate", "random_walk", "correlated_noise", "bias_instability", "bandwidth",
+    "noise_step", "outliers", "random_telegraph", "quantization", "saturation", "stuck",
     "wrong_parameter")
 
 DESCRIPTION = """\

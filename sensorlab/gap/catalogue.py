@@ -66,17 +66,28 @@ def beside(filt, a, sigma):
     """A shaping filter with Markov processes of factors a, standard deviations sigma
     added to its output.
     """
+    return join(filt, a, [s * np.sqrt(1.0 - f**2) for f, s in zip(a, sigma)], sigma)
+
+
+def join(filt, a, drive, initial):
+    """A shaping filter with one-state processes added to its output, of factors a and
+    standard deviations of their noise and of their initial value.
+    """
     n, m, k = filt.Phi.shape[1], filt.Gamma.shape[2], len(a)
     Phi, Gamma, P0 = (np.zeros((n + k, n + k)), np.zeros((n + k, m + k)),
                       np.zeros((n + k, n + k)))
     Phi[:n, :n], Gamma[:n, :m], P0[:n, :n] = filt.Phi[0], filt.Gamma[0], filt.P0
     for i in range(k):
         Phi[n + i, n + i] = a[i]
-        Gamma[n + i, m + i] = sigma[i] * np.sqrt(1.0 - a[i]**2)
-        P0[n + i, n + i] = sigma[i]**2
+        Gamma[n + i, m + i] = drive[i]
+        P0[n + i, n + i] = initial[i]**2
     return ShapingFilter(Phi[None], Gamma[None],
                          np.append(filt.H[0], np.ones(k))[None], filt.Psi,
                          np.append(filt.m0, np.zeros(k)), P0)
+
+
+def _random_walk(scene, filt, sigma_w):
+    return join(filt, [1.0], [sigma_w], [0.0])
 
 
 def _correlated_noise(scene, filt, tau, sigma):
@@ -184,8 +195,12 @@ def _spread(scene):
     return max(np.nanstd(scene.y), 3.0 * scene.white)
 
 
-def _onset(scene):
-    return Parameter("onset", scene.dt, scene.duration - scene.dt)
+MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
+
+
+def _onset(scene, samples=1):
+    """Prior of an onset with so many samples on either side at least."""
+    return Parameter("onset", samples * scene.dt, scene.duration - samples * scene.dt)
 
 
 CATALOGUE = {effect.name: effect for effect in (
@@ -241,6 +256,13 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y + coefficient (x - mean of x); in u per unit of x",
            resembles="any drift that moves as the column does",
            experiment="vary that quantity alone"),
+    Effect("random_walk", model=_random_walk,
+           parameters=lambda s: (_log("sigma_w", s.white / len(s.y),
+                                      _spread(s) / np.sqrt(len(s.y)) * 10.0),),
+           equation="y + w, w the sum of white noises of standard deviation sigma_w, "
+                    "in u per sample",
+           resembles="rate ramp, correlated noise of long time, bias instability",
+           experiment="record longer"),
     Effect("correlated_noise", model=_correlated_noise,
            parameters=lambda s: (_log("tau", 1.5 * s.dt, s.duration / 10),
                                  _log("sigma", 0.03 * s.white, _spread(s))),
@@ -258,7 +280,7 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="the white noise v becomes V, tau dV/dt = v - V; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("noise_step", model=_noise_step, search="onset",
-           parameters=lambda s: (_onset(s), _log("ratio", 0.1, 10.0)),
+           parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 0.1, 10.0)),
            equation="the white noise becomes ratio times as strong from t = onset "
                     "on; onset in s",
            resembles="outliers in clusters",

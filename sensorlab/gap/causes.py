@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import Parameter, brief, free_columns, probabilities
+from sensorid import brief, free_columns, probabilities
 from sensorlab.gap.account import Account, account, gaussian, guess_from, mean_evidence
 from sensorlab.gap.catalogue import flicker_times
 from sensorlab.gap.effects import Effect, Found
@@ -59,6 +59,7 @@ class Further(NamedTuple):
 
     causes: tuple      # of Cause, most probable first, none among them
     account: Account   # with the most probable effect in it; None where it is none
+    prior: float       # log odds of any one further effect, a priori
 
     __repr__ = brief
 
@@ -72,13 +73,11 @@ class _Rival(NamedTuple):
     family: int = 0      # number of its family in the evidence, from 1
     account: Account = None    # with the effect in it; a signature has a family instead
     values: dict = {}    # (mean, sd) by symbol
-    prior: float = 1.0   # relative to the others
 
 
 LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters
 PRIOR_NONE = 0.5    # that nothing is missing
 PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
-RANGE_WRONG = 0.1   # prior of a wrong range to that of a wrong number
 
 
 def further_causes(scene, acc, effects, processes=True):
@@ -98,7 +97,7 @@ def further_causes(scene, acc, effects, processes=True):
     if processes:
         rivals += [rival for effect in effects if effect.factor
                    for rival in _with_wrong_parameters(scene, acc, effect)]
-    alone, share = _probabilities(acc, rivals)
+    prior, alone, share = _probabilities(acc, rivals)
     groups = _grouped(rivals, share)
     total = [share[group].sum() for group in groups]
     best = rivals[groups[int(np.argmax(total))][0]] if rivals else None
@@ -106,7 +105,7 @@ def further_causes(scene, acc, effects, processes=True):
     causes, signature = [Cause((), float(alone), 0.0)], None
     for group, probability in zip(groups, total):
         rival = rivals[group[0]]
-        values = rival.values
+        values, answer = rival.values, None
         if rival.family and (probability > LISTED_FROM or rival is best):
             found, answer = estimate_signature(
                 hypotheses, plain, acc.signatures, listed[rival.family - 1], samples,
@@ -115,18 +114,19 @@ def further_causes(scene, acc, effects, processes=True):
             signature = found if rival is best else signature
         column = "" if rival.effect.factor else _either(
             [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
-        causes.append(Cause((Found(rival.effect, column, values=values),),
-                            float(probability), float(rival.log_bayes)))
+        one = (Found(rival.effect) if answer is None else answer)._replace(
+            column=column, values=values)
+        causes.append(Cause((one,), float(probability), float(rival.log_bayes)))
     causes.sort(key=lambda c: -c.probability)
     if alone >= 0.5:
-        return Further(tuple(causes), None)
+        return Further(tuple(causes), None, prior)
     chosen = _with_best(scene, plain, acc, best, signature)
     if plain is not scene and (
             chosen.log_evidence - acc.log_evidence < np.log(len(rivals))):
         # what stood in for the jumps misled: the filter with jumps sees nothing
         return further_causes(scene, acc, [e for e in effects if e is not best.effect],
                               processes)
-    return Further(tuple(causes), chosen)
+    return Further(tuple(causes), chosen, prior)
 
 
 def _with_signatures(listed, samples):
@@ -176,15 +176,13 @@ def _values(effect, acc):
 
 
 def _probabilities(acc, rivals):
-    """Probability of none, and of every rival."""
+    """Prior log odds of a rival; probability of none, and of every rival."""
     first = not (acc.signatures or acc.readings or len(acc.member.effects) > len(
         acc.bases[acc.best].effects))
     alone = PRIOR_NONE if first else PRIOR_LAST
-    prior = np.array([rival.prior for rival in rivals])
-    share = probabilities([np.log(alone), *(
-        np.log((1.0 - alone) * prior / prior.sum())
-        + [rival.log_bayes for rival in rivals])])
-    return share[0], share[1:]
+    prior = np.log((1.0 - alone) / alone / max(len(rivals), 1))
+    share = probabilities([0.0, *(prior + rival.log_bayes for rival in rivals)])
+    return prior, share[0], share[1:]
 
 
 def _grouped(rivals, share):
@@ -215,9 +213,29 @@ def _with_best(scene, plain, acc, best, signature):
     return best.account
 
 
+def without(scene, acc, found, number):
+    """The account less effect `number` of those found, fitted again."""
+    one = found[number]
+    hypotheses, signatures = acc.hypotheses, acc.signatures
+    if one.effect.columns:
+        at = sum(bool(f.effect.columns) for f in found[:number])
+        signatures = signatures[:at] + signatures[at + 1:]
+    elif one.effect.factor:
+        symbol = one.values["parameter"][0]
+        hypotheses = [h._replace(hypothesis=h.hypothesis._replace(parameters=tuple(
+            old if old.symbol == symbol else p
+            for p, old in zip(h.hypothesis.parameters, base.hypothesis.parameters))))
+            for h, base in zip(hypotheses, acc.bases)]
+    else:
+        hypotheses = [h._replace(effects=tuple(
+            e for e in h.effects if e.name != one.name)) for h in hypotheses]
+    return account(scene, acc.bases, hypotheses, signatures, acc.readings)
+
+
 def _has_room(effect, acc, scene):
     """Is there room for a process or jumps that are not there yet?"""
-    if any(one.effect.name == effect.name for one in acc.member.effects):
+    if any(one.effect.name == effect.name for one in acc.member.effects) or any(
+            effect.name == h.hypothesis.model.__name__ for h in acc.hypotheses):
         return False
     more = dict(bias_instability=len(flicker_times(scene))).get(
         effect.name, bool(effect.model))
@@ -242,12 +260,39 @@ def _with_wrong_parameters(scene, acc, effect):
             continue
         wide = account(scene, acc.bases, [h for h, _ in widened], acc.signatures,
                        acc.readings)
-        ranged = all(p.free for h in acc.hypotheses for p in h.parameters
-                     if p.symbol == symbol)
         yield _Rival(effect, symbol, _log_bayes(wide, acc), account=wide,
                      values=dict(parameter=(symbol, 0.0),
-                                 factor=_factor(symbol, acc, wide)),
-                     prior=RANGE_WRONG if ranged else 1.0)
+                                 factor=_factor(symbol, acc, wide)))
+
+
+class Beyond(NamedTuple):
+    """Prior of a parameter outside a range: its logarithm is an e-fold beyond the
+    nearer end on average, by an exponential law.
+    """
+
+    symbol: str
+    low: float      # where the law is cut off
+    high: float
+    least: float    # ends of the range
+    most: float
+    free = log = True
+
+    def quantile(self, u):
+        """Value below which the prior has the probability u, 0..1."""
+        u = np.asarray(u)
+        share = 0.5 if self.least > 0.0 else 0.0    # below the range; none below zero
+        below = np.minimum(u / share, 1.0) if share else 1.0
+        above = np.minimum((1.0 - u) / (1.0 - share), 1.0)
+        return np.clip(np.where(u < share, self.least * below, self.most
+                                / np.maximum(above, 1e-300)), self.low, self.high)
+
+    @property
+    def mean(self):
+        return 0.5 * (self.least + self.most)
+
+    @property
+    def sd(self):
+        return self.most
 
 
 def _column(h, symbol):
@@ -266,7 +311,7 @@ def _widened(h, sample, symbol, factor):
     mean, sd = sample.mean[column], sample.sd()[column]
     pushed = not p.free or (
         min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd)
-    wide = Parameter(symbol, (p.low or 1e-3 * p.high) / factor, p.high * factor, True)
+    wide = Beyond(symbol, p.low / factor, p.high * factor, p.low, p.high)
     return h._replace(hypothesis=base._replace(parameters=(
         *base.parameters[:column], wide, *base.parameters[column + 1:]))), pushed
 

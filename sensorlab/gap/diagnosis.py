@@ -9,7 +9,7 @@ import numpy as np
 from sensorid import LOG_2PI, brief, simulate
 from sensorlab.gap.account import Account, account, as_simulated, fixed
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.causes import UNKNOWN, Cause, further_causes
+from sensorlab.gap.causes import UNKNOWN, Cause, further_causes, without
 from sensorlab.gap.effects import BLOCK, Found, Scene, Simulator, members, signature_of
 from sensorlab.gap.places import TRIALS, Gap, distance
 from sensorlab.gap.readings import readings, without_readings
@@ -261,11 +261,12 @@ def _search(full, offset, scene, start, effects, before, trials, seed, tell):
         symbol: (value, 0.0) for symbol, value in _at_offset(
             r.found, offset).values.items()})
         for r in start.readings), 1.0, sum(r.log_bayes for r in start.readings))
-    most = len(path.found) + MAX_EFFECTS
+    looks = 0
     leaves, after = {}, before
     if path.found:
         after = distance(full, acc, trials, seed + 1)
-    while len(path.found) < most and not any(r.opaque for r in start.readings):
+    while looks < MAX_EFFECTS and not any(r.opaque for r in start.readings):
+        looks += 1
         # a process shows in the undirected statistics, if it is there; jumps may not
         look = further_causes(scene, acc, effects,
                               not path.found or after.p_value < LOOK_ON)
@@ -276,8 +277,30 @@ def _search(full, offset, scene, start, effects, before, trials, seed, tell):
         best = next(c for c in look.causes if c.found)
         acc, path = look.account, _joined(path, best)
         leaves.pop(path.effect)
+        acc, path, leaves = _without_needless(scene, acc, path, leaves, look.prior)
         after = distance(full, acc, trials, seed + 1)
     return _Search(acc, path, {**leaves, path.effect: path}, after)
+
+
+def _without_needless(scene, acc, path, leaves, prior):
+    """The account and the path without what was found before and is not needed beside
+    what is found now: what one effect seemed to be two others may explain.
+    """
+    for number, one in reversed(list(enumerate(path.found[:-1]))):
+        if one.effect.reading:
+            continue
+        less = without(scene, acc, path.found, number)
+        log_odds = acc.log_evidence - less.log_evidence + prior
+        if log_odds < 0.0:
+            kept = 1.0 / (1.0 + np.exp(-log_odds))
+            full, total = path, path.probability
+            path = Cause(path.found[:number] + path.found[number + 1:],
+                         (1.0 - kept) * total,
+                         path.log_bayes + less.log_evidence - acc.log_evidence)
+            leaves = {**leaves, full.effect: full._replace(probability=kept * total)}
+            leaves.pop(path.effect, None)
+            acc = less
+    return acc, path, leaves
 
 
 def _joined(path, cause):

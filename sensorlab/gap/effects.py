@@ -79,6 +79,7 @@ class Found(NamedTuple):
     variant: str = ""    # of the columns, "" where there is one only
     values: dict = {}    # symbol -> Parameter or number in a simulator, a size and a
                          # phase among them; (mean, sd) in an answer
+    share: float = 1.0   # probability of the variant among all, in an answer
 
     @property
     def name(self):

@@ -282,7 +282,7 @@ def _draw_one(mass, u):
 @njit(**JIT)
 def _draw_onset(gain, peak, u):
     """Onset, in samples, at the quantile u of a law of these log odds, and the log of
-    its density over 1 / N; `peak` is the largest gain of every bin.
+    its density over a uniform one; `peak` is the largest gain of every bin.
 
     Drawn is a bin, then a sample in it; with the probability STRAY_SHARE any sample.
     """
@@ -302,26 +302,27 @@ def _draw_onset(gain, peak, u):
     return onset, np.log((1.0 - STRAY_SHARE) * share * len(gain) + STRAY_SHARE)
 
 
-def draw_onsets(y, H, modes, early, late, u):
+def draw_onsets(y, H, modes, early, late, u, least, most):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
-    the log of their density over 1 / N; ABREAST nodes side by side.
+    the log of their density over that of a uniform law from least to most; ABREAST
+    nodes side by side.
 
     The filter of the noise of variance early (M,) up to a sample and that of the noise
-    of variance late (M,) from there on nearly give the likelihood of every onset
-    1 ... N - 1 at once. A law to draw from need not be exact: logarithms are kept until
+    of variance late (M,) from there on nearly give the likelihood of every onset at
+    once. A law to draw from need not be exact: logarithms are kept until
     f changes, and what may be an outlier counts little.
     """
     onset, density = np.zeros((2, len(u)))
-    in_threads(_draw_onset_groups, groups(len(u)), y, H, modes, early, late, u, onset,
-               density)
+    in_threads(_draw_onset_groups, groups(len(u)), y, H, modes, early, late, u, least,
+               most, onset, density)
     return onset, density
 
 
 @njit(**KERNEL)
-def _draw_onset_groups(first, last, y, H, modes, early, late, u, onset, density):
+def _draw_onset_groups(first, last, y, H, modes, early, late, u, least, most, onset,
+                       density):
     """Groups of `draw_onsets`."""
     (M, n), N = modes.shape[1:], len(y)
-    bins = (N - 2) // ONSET_BIN + 1
     for group in range(first, last):
         start, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
         a, q = np.zeros((n, ABREAST)), np.zeros((n, ABREAST))
@@ -355,14 +356,18 @@ def _draw_onset_groups(first, last, y, H, modes, early, late, u, onset, density)
                     gain[g] = nu[g] * weight[g]
                 update_state(x, Ph, gain)
                 update_covariance(P, Ph, weight)
-        peak = np.full((bins, ABREAST), -np.inf)
-        for i in range(N - 1):
+        peak = np.full(((most - least - 1) // ONSET_BIN + 1, ABREAST), -np.inf)
+        for i in range(1, most):
             for g in range(ABREAST):
-                odds[i, g] += odds[i - 1, g] if i else 0.0
-                peak[i // ONSET_BIN, g] = max(peak[i // ONSET_BIN, g], odds[i, g])
+                odds[i, g] += odds[i - 1, g]
+        for i in range(least, most):
+            at = (i - least) // ONSET_BIN
+            for g in range(ABREAST):
+                peak[at, g] = max(peak[at, g], odds[i, g])
         for g in range(number):
             onset[start + g], density[start + g] = _draw_onset(
-                odds[:N - 1, g], peak[:, g], u[start + g])
+                odds[least:most, g], peak[:, g], u[start + g])
+            onset[start + g] += least
 
 
 def onset_law(h, scene, signatures):
@@ -371,6 +376,7 @@ def onset_law(h, scene, signatures):
         return None
     at = h.keys.index(h.onsets[0])
     low, high = h.parameters[at].low, h.parameters[at].high
+    least, most = round(low / scene.dt), min(round(high / scene.dt), len(scene.y) - 1)
 
     def at_onset(theta, onset):
         theta = theta.copy()
@@ -383,6 +389,6 @@ def onset_law(h, scene, signatures):
         late, _ = with_constants(h, scene, signatures, at_onset(theta, 0.0))
         onset, density = draw_onsets(
             scene.y, H, np.array(early[:3]), early.r[:, 0].copy(),
-            late.r[:, -1].copy(), (theta[:, at] - low) / (high - low))
+            late.r[:, -1].copy(), (theta[:, at] - low) / (high - low), least, most)
         return at_onset(theta, onset * scene.dt), -density
     return moved

@@ -47,6 +47,8 @@ def report(d, record):
                     residual_p_value=d.after.p_place[s.place[i]])
                for i in outstanding(d.before)],
         causes=[dict(effect=c.effect, column=c.column or None,
+                     variant="+".join(one.variant for one in c.found if one.variant)
+                     or None,
                      probability=c.probability, log_bayes_factor=c.log_bayes,
                      parameters={name: dict(mean=mean, sd=sd) for name, (mean, sd)
                                  in c.parameters.items()})
@@ -176,10 +178,10 @@ def _advice(d):
         e = CATALOGUE[name]
         if d.verdict != "none":
             yield f"{name} is confused with {e.resembles}; to tell: {e.experiment}"
-    for s in d.final.signatures:
-        if s.found.variant:
-            yield (f"{s.found.name} is that with the {s.found.variant} of "
-                   f"{s.found.column}")
+    for one in d.found:
+        if one.variant:
+            yield (f"{one.name} is that with the {one.variant} of {one.column}, "
+                   f"probability {one.share:.2f} among its forms; its size is of that")
     for column in {s.found.column for s in d.final.signatures if s.found.column}:
         low, high = clusters(d.scene.columns[column])
         if high:

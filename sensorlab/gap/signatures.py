@@ -157,17 +157,17 @@ def explicit(scene, effect, column, psi):
 def scores(h, scene, family, theta, solved):
     """`Scores` of all signatures of a family."""
     if family.columns is None:
-        return SEARCHES[family.effect.search](h, solved, scene, theta)
+        return SEARCHES[family.effect.search](h, scene, family, theta, solved)
     return explicit_scores(family, quadratic(h, scene, family.columns, theta), solved)
 
 
-def explicit_scores(family, quadratic, solved):
-    """`Scores` of explicit signatures; quadratic (M, m, k, k) = s' C^-1 s."""
+def explicit_scores(family, squares, solved):
+    """`Scores` of explicit signatures; squares (M, m, k, k) = s' C^-1 s."""
     m, k, N = family.columns.shape
     flat = family.columns.reshape(-1, N)
     M, c = solved.w.shape[:2]
     cross = row_products(solved.w.reshape(-1, N), flat).reshape(M, c, m, k)
-    J = quadratic - np.einsum("mcak,mcd,mdal->makl", cross, solved.cov, cross)
+    J = squares - np.einsum("mcak,mcd,mdal->makl", cross, solved.cov, cross)
     number = row_products(solved.residual, flat).reshape(-1, m, k)
     if k == 1:
         J = np.maximum(J[..., 0, 0], 1e-300)
@@ -192,7 +192,7 @@ def quadratic(h, scene, columns, theta):
     return result
 
 
-def _onset_scores(h, solved, scene, theta):
+def _onset_scores(h, scene, family, theta, solved):
     size, J = np.empty((2, len(theta), len(scene.y) - 1))
     in_threads(_step_sizes, len(theta), *solved[1:5], size, J)
     return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
@@ -237,9 +237,26 @@ def _line_information(first, last, turn, count, a, q, r, J):
 PADDING = 4    # frequencies per 1 / T
 
 
-def _frequency_scores(h, solved, scene, theta):
+EXACT_CYCLES = 20    # in a record: below, its ends count, and the spectrum of a walk
+                     # is no measure of the information
+
+
+def _frequency_scores(h, scene, family, theta, solved):
+    """Exact ones below EXACT_CYCLES, by the spectrum above."""
+    low, split = [], EXACT_CYCLES * PADDING
+    frequency = np.fft.rfftfreq(PADDING * len(scene.y), scene.dt)[MIN_CYCLES * PADDING:]
+    slow = frequency[:split - MIN_CYCLES * PADDING]
+    for psi in np.array_split(slow, -(-len(slow) * len(scene.y) // BLOCK)):
+        part = explicit(scene, family.effect, family.column, psi)
+        low.append(explicit_scores(part, quadratic(h, scene, part.columns, theta),
+                                   solved))
+    high = _spectral_scores(h, scene, theta, solved, slice(split, -PADDING))
+    return Scores(*(np.concatenate(part, -1) for part in zip(*(
+        s[:4] for s in (*low, high)))), 2)
+
+
+def _spectral_scores(h, scene, theta, solved, keep):
     n, own = PADDING * len(scene.y), processes(h, scene, theta)
-    keep = slice(MIN_CYCLES * PADDING, -PADDING)
     frequency = np.fft.rfftfreq(n, scene.dt)[keep]
     line = np.fft.rfft(solved.residual, n)[:, keep]
     square = line.real**2 + line.imag**2
@@ -327,7 +344,7 @@ def estimate_signature(hypotheses, scene, signatures, family, samples, number):
     size = expected(lambda p: p[1])
     sd = float(np.sqrt(max(expected(lambda p: p[2]) - size**2, 0.0)))
     values[effect.size] = size, sd
-    found = Found(effect, family.column, variant, values)
+    found = Found(effect, family.column, variant, values, float(total))
     numbers = {symbol: psi for symbol in values if symbol != effect.size}
     return Signature(found._replace(values={**numbers, effect.size: size}),
                      columns_of(scene, effect, family.column, variant, psi),
