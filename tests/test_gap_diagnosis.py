@@ -127,6 +127,35 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
 
 
+def test_a_sensor_noisier_than_its_range_has_no_change_of_noise():
+    rng = np.random.default_rng(0)
+    y = np.cumsum(0.1 * rng.standard_normal(1000)) + 2.5 * rng.standard_normal(1000)
+    d = sensorlab.diagnose(y, DT, MODEL)    # sigma_v in 0.25 to 1
+    assert d.verdict == "wrong_parameter"
+    factor, sd = d.found[0].values["factor"]
+    assert abs(factor - 2.5) < 3.0 * sd < 0.5
+
+
+def test_a_walk_that_the_simulator_lacks_is_named():
+    rng = np.random.default_rng(4)
+    y = rng.standard_normal(1500) + np.cumsum(0.1 * rng.standard_normal(1500))
+    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise",
+                                                       sigma_v=(0.5, 2.0))])
+    assert d.verdict == "random_walk"
+    mean, sd = d.found[0].values["sigma_w"]
+    assert abs(mean - 0.1) < 3.0 * sd
+
+
+def test_what_two_steps_explain_is_no_telegraph():
+    rng = np.random.default_rng(0)
+    y = np.cumsum(0.05 * rng.standard_normal(1000)) + 0.5 * rng.standard_normal(1000)
+    y[670:790] += 3.0
+    d = sensorlab.diagnose(y, DT, MODEL)
+    assert d.verdict == "bias_step+bias_step"
+    onsets = sorted(one.values["onset"][0] for one in d.found)
+    assert_allclose(onsets, [670.0, 790.0], atol=3.0)
+
+
 def test_what_was_not_fitted_is_foretold_better():
     d = diagnosed(generator.record(500, 1, ["correlated_noise"], level=4))
     assert d.held_out.gain > 0.01
