@@ -33,5 +33,5 @@ Notation
 
 The files read in the order of the argument; each takes only from those before it:
 effects, catalogue, kernels, filters, evidence, signatures, readings, account, causes,
-places, diagnosis, report.
+places, distance, closure, diagnosis, report.
 """

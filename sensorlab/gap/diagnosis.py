@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import LOG_2PI, brief, simulate
+from sensorid import brief, simulate
 from sensorlab.gap.account import Account, account, as_simulated, fixed
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.causes import UNKNOWN, Cause, further_causes, without
 from sensorlab.gap.effects import BLOCK, Found, Scene, Simulator, members, signature_of
-from sensorlab.gap.places import TRIALS, Gap, distance
+from sensorlab.gap.closure import closure, held_out
+from sensorlab.gap.distance import TRIALS, Gap, distance
 from sensorlab.gap.readings import readings, without_readings
 
 
@@ -264,7 +265,7 @@ def _search(full, offset, scene, start, effects, before, trials, seed, tell):
     looks = 0
     leaves, after = {}, before
     if path.found:
-        after = distance(full, acc, trials, seed + 1)
+        after = distance(full, acc, trials, seed + 1, before=before)
     while looks < MAX_EFFECTS and not any(r.opaque for r in start.readings):
         looks += 1
         # a process shows in the undirected statistics, if it is there; jumps may not
@@ -278,7 +279,7 @@ def _search(full, offset, scene, start, effects, before, trials, seed, tell):
         acc, path = look.account, _joined(path, best)
         leaves.pop(path.effect)
         acc, path, leaves = _without_needless(scene, acc, path, leaves, look.prior)
-        after = distance(full, acc, trials, seed + 1)
+        after = distance(full, acc, trials, seed + 1, before=before)
     return _Search(acc, path, {**leaves, path.effect: path}, after)
 
 
@@ -388,89 +389,3 @@ def needed_duration(causes, scene):
     first, second = (c.probability for c in causes[:2])
     odds = max(np.log(first / max(second, 1e-12)), 0.5)
     return float(scene.duration * max(3.0 / odds, 1.0))
-
-
-# ---- how far it closes
-
-OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on
-
-
-def closure(before, after):
-    """rms distances before and after over the statistics that stood out before, the
-    fraction closed, 1 - (after - 1) / (before - 1), and its interval.
-    """
-    out = np.abs(before.distance) > np.quantile(np.abs(before.null).max(1),
-                                                1.0 - OUTSTANDING)
-    if not out.any():
-        return before.rms(), after.rms(), np.nan, (np.nan, np.nan)
-    first, last = before.rms(out), after.rms(out)
-    # of a record without a gap, through the same statistics
-    noise = 2.0 * np.std(np.sqrt((after.null[:, out]**2).mean(1)))
-    closed = np.clip(1.0 - (last + np.array([0.0, noise, -noise]) - 1.0)
-                     / (first - 1.0), -9.0, 1.0)
-    return first, last, float(closed[0]), (float(closed[1]), float(closed[2]))
-
-
-class HeldOut(NamedTuple):
-    """What a fit of the first two thirds of a record says of the last third.
-
-    Which effects there are, and their onset, frequency or delay, the whole record said.
-    """
-
-    gain: float           # of the log score with the effects, nats a sample
-    reference: float      # of a flexible regression, nats a sample
-    ratio_before: float   # real over calculated standard deviation of the predictions
-    ratio_after: float    # the same with the effects: 1 where the criteria coincide
-    before: float         # rms distance of what stands out there, standard deviations
-    after: float          # the same with the effects; 1 is no gap
-    closed: float         # fraction of the gap; NaN where there was none
-    closed_interval: tuple
-
-
-def held_out(scene, start, final, trials=None, seed=0):
-    """`HeldOut` of an account with effects against that without; None where one of them
-    begins in the last third.
-    """
-    cut = 2 * len(scene.y) // 3
-    onsets = {key: value for key, value in zip(final.member.keys, final.theta)
-              if key in final.member.onsets}
-    if any(onset > cut * scene.dt for onset in onsets.values()) or any(
-            not s.columns[:cut].any() for s in final.signatures):
-        return None
-    seen = scene._replace(y=without_readings(scene.y[None], final.readings)[0])
-    head = Scene(seen.y[:cut], scene.dt,
-                 {name: x[:cut] for name, x in scene.columns.items()})
-    gaps = []
-    for acc in (start, final):
-        fit = account(head, acc.bases, [h.fixed(onsets) for h in acc.hypotheses],
-                      tuple(s._replace(columns=s.columns[:cut])
-                            for s in acc.signatures),
-                      acc.readings, None if onsets else acc)
-        gaps.append(distance(scene, fit._replace(signatures=acc.signatures), trials,
-                             seed, cut))
-    score = [gap.log_score[cut:] for gap in gaps]
-    ratio = [float(np.sqrt(np.nanmean(gap.z[cut:]**2))) for gap in gaps]
-    return HeldOut(float(np.nanmean(score[1] - score[0])),
-                   _flexible_gain(seen, cut, score[0]), *ratio, *closure(*gaps))
-
-
-LAGS = 32    # samples back that the flexible regression looks
-
-
-def _flexible_gain(scene, cut, score):
-    """Log score of a regression on the samples before and all columns, over that of
-    another model `score` (N - cut,), nats a sample; NaN where there is too little data.
-    """
-    back = np.column_stack([np.ones_like(scene.y), *scene.columns.values(), *(
-        np.roll(scene.y, lag) for lag in range(1, LAGS + 1))])
-    whole = ~np.isnan(back).any(1) & ~np.isnan(scene.y)
-    whole[:LAGS] = False
-    early, late = whole.copy(), whole.copy()
-    early[cut:], late[:cut] = False, False
-    if early.sum() <= 2 * back.shape[1] or not late.any():
-        return np.nan
-    c, *_ = np.linalg.lstsq(back[early], scene.y[early])
-    residual = scene.y - back @ c
-    variance = np.sum(residual[early]**2) / (early.sum() - back.shape[1])
-    density = -0.5 * (LOG_2PI + np.log(variance) + residual[late]**2 / variance)
-    return float(np.mean(density - score[late[cut:]]))

@@ -4,7 +4,8 @@ import numpy as np
 
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.causes import LISTED_FROM
-from sensorlab.gap.diagnosis import LAGS, SURE
+from sensorlab.gap.closure import LAGS
+from sensorlab.gap.diagnosis import SURE
 from sensorlab.gap.places import FAR_OUT, UNITS
 
 

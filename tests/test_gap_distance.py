@@ -8,7 +8,7 @@ from scipy.stats import binom, kstest
 
 import sensorid
 from sensorlab import Scene, Simulator
-from sensorlab.gap import account, places
+from sensorlab.gap import account, distance
 from sensorlab.gap.effects import members
 
 
@@ -19,7 +19,7 @@ def test_p_values_of_records_without_an_effect_are_uniform():
         r = generator.record(31, k)
         scene = Scene(y, DT, dict(temperature=r["temperature"][:1000]))
         fit = account.account(scene, members(Simulator(MODEL), scene))
-        p.append(places.distance(scene, fit).p_value)
+        p.append(distance.distance(scene, fit).p_value)
     assert kstest(p, "uniform").pvalue > 1e-3
     assert np.sum(np.array(p) < 0.05) <= binom.ppf(0.999, 60, 0.05)
 
@@ -32,7 +32,7 @@ def test_what_was_not_fitted_shows_no_gap_where_there_is_none():
         y = sensorid.simulate(h, DT, 1500, seed=seed).error[0]
         scene = Scene(y, DT, {})
         fit = account.account(Scene(y[:1000], DT, {}), members(Simulator(h), scene))
-        gap = places.distance(scene, fit, 99, seed, 1000)
+        gap = distance.distance(scene, fit, 99, seed, 1000)
         assert len(gap.statistics.place) == gap.null.shape[1] and gap.p_value > 1e-3
         squares.append(np.mean(gap.distance**2))
     # over 40 seeds 0.97, and 0.22 from one to the next

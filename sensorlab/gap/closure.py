@@ -1,0 +1,104 @@
+"""Closure: how far a gap shrinks with the effects that were found, on the whole record
+and on a part that took no part in the fit.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sensorid import LOG_2PI
+from sensorlab.gap.account import account
+from sensorlab.gap.distance import distance
+from sensorlab.gap.effects import Scene
+from sensorlab.gap.readings import without_readings
+
+MIN_WAYS = 40           # simulated records that make an interval
+OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on
+
+
+def closure(before, after):
+    """rms distances before and after over the statistics that stood out before, the
+    fraction closed, 1 - (after - 1) / (before - 1), and its 95 % interval: where it
+    lies for records of the simulator with the effects, of which 1 is the truth.
+    """
+    least = np.quantile(np.abs(before.null).max(1), 1.0 - OUTSTANDING)
+    out = np.abs(before.distance) > least
+    if not out.any():
+        return before.rms(), after.rms(), np.nan, (np.nan, np.nan)
+    first, last = before.rms(out), after.rms(out)
+    # records of the simulator with the effects go the same way: what stands out before
+    # is chosen, and its noise is there after
+    ways = [np.sqrt(np.mean(d[o]**2)) for d, o in zip(
+        after.null, np.abs(after.beside) > least) if o.any()] if (
+        after.beside is not None) else []
+    if len(ways) < MIN_WAYS:    # too few do: through the statistics of the record
+        ways = np.sqrt((after.null[:, out]**2).mean(1))
+    low, high = np.quantile(ways, [0.025, 0.975]) - 1.0
+    closed = np.clip(1.0 - (last - 1.0 - np.array([0.0, low, high])) / (first - 1.0),
+                     -9.0, 1.0)
+    return first, last, float(closed[0]), (float(closed[1]), float(closed[2]))
+
+
+class HeldOut(NamedTuple):
+    """What a fit of the first two thirds of a record says of the last third.
+
+    Which effects there are, and their onset, frequency or delay, the whole record said.
+    """
+
+    gain: float           # of the log score with the effects, nats a sample
+    reference: float      # of a flexible regression, nats a sample
+    ratio_before: float   # real over calculated standard deviation of the predictions
+    ratio_after: float    # the same with the effects: 1 where the criteria coincide
+    before: float         # rms distance of what stands out there, standard deviations
+    after: float          # the same with the effects; 1 is no gap
+    closed: float         # fraction of the gap; NaN where there was none
+    closed_interval: tuple
+
+
+def held_out(scene, start, final, trials=None, seed=0):
+    """`HeldOut` of an account with effects against that without; None where one of them
+    begins in the last third.
+    """
+    cut = 2 * len(scene.y) // 3
+    onsets = {key: value for key, value in zip(final.member.keys, final.theta)
+              if key in final.member.onsets}
+    if any(onset > cut * scene.dt for onset in onsets.values()) or any(
+            not s.columns[:cut].any() for s in final.signatures):
+        return None
+    seen = scene._replace(y=without_readings(scene.y[None], final.readings)[0])
+    head = Scene(seen.y[:cut], scene.dt,
+                 {name: x[:cut] for name, x in scene.columns.items()})
+    gaps = []
+    for acc in (start, final):
+        fit = account(head, acc.bases, [h.fixed(onsets) for h in acc.hypotheses],
+                      tuple(s._replace(columns=s.columns[:cut])
+                            for s in acc.signatures),
+                      acc.readings, None if onsets else acc)
+        gaps.append(distance(scene, fit._replace(signatures=acc.signatures), trials,
+                             seed, cut, gaps[0] if gaps else None))
+    score = [gap.log_score[cut:] for gap in gaps]
+    ratio = [float(np.sqrt(np.nanmean(gap.z[cut:]**2))) for gap in gaps]
+    return HeldOut(float(np.nanmean(score[1] - score[0])),
+                   _flexible_gain(seen, cut, score[0]), *ratio, *closure(*gaps))
+
+
+LAGS = 32    # samples back that the flexible regression looks
+
+
+def _flexible_gain(scene, cut, score):
+    """Log score of a regression on the samples before and all columns, over that of
+    another model `score` (N - cut,), nats a sample; NaN where there is too little data.
+    """
+    back = np.column_stack([np.ones_like(scene.y), *scene.columns.values(), *(
+        np.roll(scene.y, lag) for lag in range(1, LAGS + 1))])
+    whole = ~np.isnan(back).any(1) & ~np.isnan(scene.y)
+    whole[:LAGS] = False
+    early, late = whole.copy(), whole.copy()
+    early[cut:], late[:cut] = False, False
+    if early.sum() <= 2 * back.shape[1] or not late.any():
+        return np.nan
+    c, *_ = np.linalg.lstsq(back[early], scene.y[early])
+    residual = scene.y - back @ c
+    variance = np.sum(residual[early]**2) / (early.sum() - back.shape[1])
+    density = -0.5 * (LOG_2PI + np.log(variance) + residual[late]**2 / variance)
+    return float(np.mean(density - score[late[cut:]]))

@@ -1,0 +1,277 @@
+"""Distance: statistics of a record beside those of records of the fitted simulator.
+
+The distance of a statistic is in standard deviations of the simulated records, put
+through the same fit; the p-value of a place is that of its largest distance.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sensorid import brief, free_columns
+from sensorlab.gap.account import as_simulated, gaussian
+from sensorlab.gap.catalogue import quantize
+from sensorlab.gap.effects import BLOCK, Scene, Simulator, simulate_effects
+from sensorlab.gap.filters import filtered, predict
+from sensorlab.gap.places import PLACES, Statistics, probes, statistics
+from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
+from sensorlab.gap.signatures import POSTERIOR_NODES
+
+
+class Gap(NamedTuple):
+    """Distance of a record from the records of a fitted simulator."""
+
+    statistics: Statistics    # of the record
+    distance: np.ndarray      # (S,) in standard deviations
+    null: np.ndarray          # (B, S) the same of the simulated records
+    p_place: dict             # place -> p-value
+    p_value: float            # of the whole
+    theta: np.ndarray         # parameters at which they were simulated
+    z: np.ndarray             # (N,) normal scores of the record
+    log_score: np.ndarray     # (N,) ln of its one-step-ahead densities
+    ruler: tuple              # what measures other records in the same way
+    beside: np.ndarray        # (B, S) distances of the same simulated records from
+                              # another simulator; None if there is no other
+
+    __repr__ = brief
+
+    def rms(self, where=slice(None)):
+        """Root mean square of some distances; about 1 where nothing is missing."""
+        return float(np.sqrt(np.mean(self.distance[where]**2)))
+
+
+TRIALS = 199           # simulated records behind every p-value; half of them for a
+LONG_RECORD = 20000    # record of more samples than this
+
+
+class _Setting(NamedTuple):
+    """What a record and simulated ones have in common on their way to statistics."""
+
+    scene: Scene
+    acc: object         # Account
+    first: int          # sample from which on they are compared
+    own: np.ndarray     # (1, N) the record less what readings hide
+    fitted: Scene       # what the fit saw
+    late: Scene         # what is compared
+    printed: float      # spacing of the digits of the record, too fine for an effect
+
+    def drawn(self, simulator, trials, seed, number=0):
+        """Records (trials, N) as they are read, and less what says nothing."""
+        read = simulate_effects(simulator, self.scene, trials, seed, number).error
+        if self.printed:
+            quantize(self.scene, read, self.printed)
+        return read, without_readings(read, self.acc.readings)
+
+    def simulator(self, *thetas):
+        """The account's simulator at each theta, all equally probable."""
+        parts = [as_simulated(self.acc, self.fitted, theta) for theta in thetas]
+        return Simulator(tuple(p.hypotheses[0] for p in parts),
+                         tuple(p.effects[0] for p in parts))
+
+
+def distance(scene, acc, trials=None, seed=0, first=0, before=None):
+    """`Gap` of a record to the simulator of an account, put through the same fit.
+
+    The record and `trials` simulated ones are filtered at the posterior mean. Refitting
+    each would change a statistic by its regression on the score, the derivative of the
+    log-likelihood to the parameters; that is taken away instead, for all alike.
+
+    With `first`, of the samples from that one on, which had no part in the fit: nothing
+    is taken away, but the simulated records have parameters drawn from the posterior.
+    With `before`, the gap to another simulator, the simulated records are held against
+    that one as well.
+    """
+    trials = trials or (TRIALS if len(scene.y) <= LONG_RECORD else TRIALS // 2)
+    setting = _setting(scene, acc, first)
+    fit = _Refit(setting, [] if first else free_columns(acc.member.parameters))
+    truth = fit.truth(seed)
+    simulator = setting.simulator(
+        *(acc.sample.nodes(POSTERIOR_NODES) if first else [truth]))
+    ruler = _Ruler(fit, _whitened_probes(acc, scene, setting.own[0], setting.late))
+    real, stats, gain = ruler.laid(scene.y[None], setting.own)
+    T, s, beside = [], [], []
+    block = int(np.clip(BLOCK // len(scene.y), 1, trials))
+    for number in range(0, trials, block):
+        read = setting.drawn(simulator, min(block, trials - number), seed, number)
+        _, part, gains = ruler.laid(*read)
+        T.append(part.value)
+        s.append(gains)
+        if before is not None:
+            beside.append(before.ruler.measured(read[0]))
+    ruler, null = ruler.marked(np.vstack(T), np.vstack(s), stats)
+    d = ruler.distances(stats.value, gain)[0]
+    places = np.array(stats.place)
+    p_place = {}
+    for place in PLACES:
+        own = (places == place) & ruler.usable
+        if own.any():
+            p_place[place] = _tail(np.append(np.abs(d[own]).max(),
+                                             np.abs(null[:, own]).max(1)))
+    p_value = -np.expm1(len(p_place) * np.log1p(-min(p_place.values())))
+    return Gap(stats._replace(value=stats.value[0]), d, null, p_place,
+               float(max(p_value, 1e-15)), truth, real.z[0, 0], real.log_score[0, 0],
+               ruler, np.vstack(beside) if beside else None)
+
+
+def _setting(scene, acc, first):
+    own = without_readings(scene.y[None], acc.readings)
+    fitted, late = scene._replace(y=own[0]), scene
+    if first:
+        fitted = scene._replace(y=np.where(np.arange(len(scene.y)) < first, own[0],
+                                           np.nan))
+        late = Scene(scene.y[first:], scene.dt,
+                     {name: x[first:] for name, x in scene.columns.items()})
+    lsb, noise = lattice_and_noise(scene.y)
+    return _Setting(scene, acc, first, own, fitted, late,
+                    lsb if lsb <= COARSE * noise else 0.0)
+
+
+class _Refit(NamedTuple):
+    """The fit of an account, for records like that of its scene."""
+
+    setting: _Setting
+    free: list    # columns of the parameters that are fitted
+
+    @property
+    def step(self):
+        """Half a posterior standard deviation (p,), to the side within the prior."""
+        acc = self.setting.acc
+        step = 0.5 * acc.sample.sd(acc.theta)
+        high = [p.high for p in acc.member.parameters]
+        return np.where(acc.theta + step < high, step, -step)
+
+    def gains(self, masked, middle=None):
+        """Gain (R, d) of a step in every parameter; `middle` (R, 1) is the
+        log-likelihood at the posterior mean.
+        """
+        if not self.free:
+            return np.zeros((len(masked), 0))
+        acc, scene = self.setting.acc, self.setting.scene
+        nodes = acc.theta + np.diag(self.step)[self.free]
+        if middle is None:
+            nodes = np.vstack([nodes, acc.theta])
+        ll = filtered(acc.member, scene, acc.signatures, nodes, masked, 0)[0]
+        return ll[:, :-1] - ll[:, -1:] if middle is None else ll - middle
+
+    def truth(self, seed):
+        """Parameters (p,) whose records give this fit.
+
+        The fit ignores what rounding and clipping do beyond a further white noise, and
+        the history of a level: indirect inference (C. Gourieroux, A. Monfort,
+        E. Renault, J. Appl. Econometrics 8, 1993). What the record does not tell, the
+        prior keeps in place.
+        """
+        acc, free = self.setting.acc, self.free
+        truth = acc.theta.copy()
+        level = acc.member.jumps(acc.theta[None]).half[0] > 0.0
+        if not free or not (acc.readings or level):
+            return truth
+        step, sample = self.step[free], acc.sample
+        cov = np.atleast_2d(np.cov((sample.theta[:, free] / step).T, ddof=0,
+                                   aweights=sample.weight))
+        for _ in range(4):    # with the same noises, or it would walk about
+            _, masked = self.setting.drawn(self.setting.simulator(truth), 48,
+                                           seed + 100)
+            s = self.gains(np.vstack([self.setting.own, masked]))
+            s[1:] = _without_tails(s[1:])
+            told = np.cov(s[1:].T).reshape(len(free), -1)
+            away = (truth - acc.theta)[free] / step
+            move = cov @ (s[0] - s[1:].mean(0) + told @ away) - away
+            length = np.sqrt(move @ np.linalg.pinv(cov) @ move)    # in deviations
+            truth[free] = np.maximum(truth[free] + move * step / max(length, 1.0),
+                                     0.5 * truth[free])
+        return truth
+
+
+def _without_tails(s):
+    """Gains (B, d) with what lies far out put at three standard deviations: where a
+    filter takes one level for the other, one record would outweigh all others.
+    """
+    middle = np.median(s, 0)
+    sd = 1.4826 * np.median(np.abs(s - middle), 0)
+    return np.clip(s, middle - 3.0 * sd, middle + 3.0 * sd)
+
+
+class _Ruler(NamedTuple):
+    """What turns a record into distances from a simulator."""
+
+    fit: _Refit
+    white: np.ndarray              # (S', N) whitened probes
+    usable: np.ndarray = None      # (S,) statistics that exist for all records
+    mean: np.ndarray = None        # (S,) of the simulated records
+    sd: np.ndarray = None          # (S,)
+    middle: np.ndarray = None      # (d,) mean gain
+    inverse: np.ndarray = None     # (d, d) of the covariance of the gains
+    slope: np.ndarray = None       # (d, S) of the statistics on the gains
+
+    __repr__ = brief
+
+    def laid(self, read, masked):
+        """`Predicted`, statistics and gains of records, as read and as masked."""
+        setting = self.fit.setting
+        acc, first = setting.acc, setting.first
+        part = predict(acc.member, setting.scene, acc.signatures, acc.theta[None],
+                       masked)
+        return part, statistics(
+            part.z[:, 0, first:], read[:, first:], setting.late, self.white
+        ), self.fit.gains(masked, part.log_likelihood)
+
+    def marked(self, T, s, stats):
+        """The ruler with its marks, and the distances (B, S) of simulated records of
+        statistics T (B, S) and gains s (B, d).
+        """
+        usable = np.isfinite(T).all(0) & np.isfinite(stats.value[0])
+        T = np.where(usable, T, 0.0)    # no two clusters may be without a gap
+        middle, d = s.mean(0), s.shape[1]
+        # singular gains are left out
+        inverse = np.linalg.pinv(np.cov(s.T).reshape(d, -1), rcond=1e-6) if d else (
+            np.zeros((0, 0)))
+        slope = inverse @ ((s - middle).T @ (T - T.mean(0))) / (len(T) - 1)
+        T = T - (s - middle) @ slope
+        least = stats.least + 1e-9 * np.abs(stats.value[0])
+        sd = np.maximum(T.std(0, ddof=1), np.where(usable, least, 1.0))
+        return self._replace(
+            usable=usable, mean=T.mean(0), sd=sd, middle=middle, inverse=inverse,
+            slope=slope), np.clip((T - T.mean(0)) / sd, -1e3, 1e3)
+
+    def distances(self, T, s):
+        """Distances (R, S) of other records; a refit moves nothing further than three
+        standard deviations.
+        """
+        s = s - self.middle
+        length = np.sqrt(np.einsum("ri, ij, rj -> r", s, self.inverse, s))
+        s = s * np.minimum(1.0, 3.0 / np.maximum(length, 1e-150))[:, None]
+        T = np.where(self.usable, T, 0.0) - s @ self.slope
+        return np.clip((T - self.mean) / self.sd, -1e3, 1e3)
+
+    def measured(self, read):
+        """Distances (R, S) of records as they are read."""
+        masked = without_readings(read, self.fit.setting.acc.readings)
+        _, stats, gains = self.laid(read, masked)
+        return self.distances(stats.value, gains)
+
+
+def _whitened_probes(acc, scene, y, late):
+    """`probes` of the end of a scene through the filter of an account without its
+    jumps, of unit norm.
+
+    The normal scores of a column far smaller than the noise are its innovations.
+    """
+    _, hypotheses = gaussian(scene._replace(y=y), acc)
+    h = hypotheses[acc.best]
+    theta = acc.member.matching(h, acc.theta)[None]
+    probe = np.array([p[3] for p in probes(late)])
+    probe *= 1e-3 * scene.white / np.abs(probe).max(1)[:, None]
+    first = len(y) - len(late.y)
+    probe = np.where(np.isnan(y), np.nan, np.pad(probe, ((0, 0), (first, 0))))
+    white = predict(h, scene, acc.signatures, theta, probe).z[:, 0, first:]
+    white = np.where(np.isnan(white), 0.0, white)
+    return white / (np.sqrt((white**2).sum(1))[:, None] + 1e-300)
+
+
+def _tail(largest):
+    """p-value of the first of several maxima among the others: Gumbel's law."""
+    null = largest[1:]
+    scale = np.std(null, ddof=1) * np.sqrt(6.0) / np.pi
+    e = (largest[0] - np.mean(null)) / scale + np.euler_gamma
+    return float(max(-np.expm1(-np.exp(-e)), 1e-15))
