@@ -1568,7 +1568,7 @@ def _point_masses(g, mass, first, second):
     quantiles of the normal law of its moments.
     """
     weight = np.exp(mass - mass.max())
-    keep = weight > 1e-9 * weight.sum()
+    keep = weight > 1e-12 * weight.sum()
     weight, first = weight[keep], first[keep]
     sd = np.sqrt(np.maximum(second[keep] - first**2, 0.0))
     at = np.zeros(1)
