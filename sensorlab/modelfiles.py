@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import (
-    Parameter, as_number, as_parameter, default_hypotheses, hypothesis, identify)
+    Parameter, as_number, as_parameter, hypothesis, identify)
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Found, Scene, Simulator
 
@@ -189,8 +189,7 @@ def simulator_from(records, dt):
     """
     spans = {}
     for y in records[:20]:
-        posterior = identify(y, dt, default_hypotheses(y, dt))
-        e = posterior.estimates[int(posterior.probability.argmax())]
+        e = identify(y, dt).best
         for p, mean, sd in zip(e.hypothesis.parameters, e.mean,
                                np.sqrt(np.diag(e.covariance))):
             low, high = max(p.low, mean - 2 * sd), min(p.high, mean + 2 * sd)

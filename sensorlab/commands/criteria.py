@@ -7,10 +7,9 @@ import os
 
 import numpy as np
 
-from sensorid import (
-    check_targets, check_trials, criteria, record_length, write_whole)
+from sensorid import check_targets, check_trials, criteria, record_length
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, refuse_effects, write_json)
+    check_outputs, progress_bar, refuse_effects, write_json, write_text)
 from sensorlab.drawings import draw_criteria, draw_design, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
 from sensorlab.planning import at_condition
@@ -139,6 +138,6 @@ def _targets_command(options, model):
         table.writerows(["" if v is None or v != v else v for v in (
             r["dt"], r["sigma_v"], r["label"], r["target"], r["duration"],
             *r["interval"], r["reached"])] for r in rows)
-        write_whole(options.csv, lambda stream: stream.write(text.getvalue().encode()))
+        write_text(options.csv, text.getvalue())
     if plt:
         save(draw_design(plt, rows, options.duration, model.unit), options.plot)

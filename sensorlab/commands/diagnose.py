@@ -2,9 +2,9 @@
 
 import pathlib
 
-from sensorid import default_hypotheses, write_whole
+from sensorid import default_hypotheses
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, read, simulated_records, write_json)
+    check_outputs, progress_bar, read, simulated_records, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
@@ -33,9 +33,8 @@ def run(options):
     print(table(d, record, unit), end="")
     if folder:
         folder.mkdir(exist_ok=True)
-        text = model_text(Model(record.dt, unit, augmented(d)))
-        write_whole(folder / "model.json",
-                    lambda stream: stream.write(text.encode()))
+        write_text(folder / "model.json",
+                   model_text(Model(record.dt, unit, augmented(d))))
         write_json(folder / "report.json", report(d, record))
         save(draw_diagnosis(plt, d, record, unit), folder / "report.png")
         print(f"{folder}: report.json, report.png, model.json")

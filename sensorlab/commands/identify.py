@@ -4,9 +4,9 @@ import numpy as np
 
 from sensorid import (
     MODELS, Parameter, allan_misfit, decide, default_hypotheses, identify, matrices,
-    summary, write_whole)
+    summary)
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, read, refuse_effects, write_json)
+    check_outputs, progress_bar, read, refuse_effects, write_json, write_text)
 from sensorlab.drawings import draw_identify, matplotlib_for_files, save
 from sensorlab.gap.effects import Simulator
 from sensorlab.modelfiles import Model, model_text, read_model
@@ -19,7 +19,7 @@ def run(options):
         raise ValueError("--hypotheses names defaults and --model brings its own: "
                          "give one of them")
     check_outputs([options.record, options.model], options.json, options.save_model,
-                   plot=options.plot)
+                  plot=options.plot)
     plt = matplotlib_for_files() if options.plot else None
     record = read(options, model)
     y, dt = record.error, record.dt
@@ -30,8 +30,7 @@ def run(options):
                   default_hypotheses(y, dt, names))
     unit = model.unit if model else "u"
     posterior = identify(y, dt, hypotheses, progress=progress_bar)
-    best = int(posterior.probability.argmax())
-    misfit = allan_misfit(y, dt, posterior.estimates[best])
+    misfit = allan_misfit(y, dt, posterior.best)
 
     print(f"{record.file}, column {record.column}: {len(y)} samples at {dt:g} s, "
           f"{dt * len(y):g} s; {np.isnan(y).sum()} missing")
@@ -53,9 +52,8 @@ def run(options):
     if options.json:
         write_json(options.json, result)
     if options.save_model:
-        text = model_text(Model(dt, unit, Simulator((_narrowed(
-            posterior.estimates[best]),))))
-        write_whole(options.save_model, lambda stream: stream.write(text.encode()))
+        write_text(options.save_model, model_text(
+            Model(dt, unit, Simulator((_narrowed(posterior.best),)))))
     if plt:
         save(draw_identify(plt, record, posterior, unit), options.plot)
 

@@ -64,10 +64,14 @@ def check_outputs(inputs, *outputs, plot=None):
                              "no such folder, or no right to")
 
 
+def write_text(file, text):
+    """Write a text whole or not at all."""
+    write_whole(file, lambda stream: stream.write(text.encode()))
+
+
 def write_json(file, value):
     """Write a value as JSON, whole or not at all."""
-    text = json.dumps(finite(value), indent=1, allow_nan=False)
-    write_whole(file, lambda stream: stream.write(text.encode()))
+    write_text(file, json.dumps(finite(value), indent=1, allow_nan=False))
 
 
 def simulated_records(options, dt):
