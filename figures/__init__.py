@@ -5,6 +5,7 @@ share stands here: the cases of Sec. 4, the style of the drawings, where they go
 """
 
 import functools
+import json
 import pathlib
 
 import matplotlib
@@ -61,6 +62,21 @@ def draw_pair(ax, time, c, colour, label):
     ax.plot(time, c.calculated, "--", color=colour, label=f"{label}, calculated")
     ax.fill_between(time, c.real - c.real_se, c.real + c.real_se, color=colour,
                     alpha=0.15, linewidth=0)
+
+
+def kept(name):
+    """Results of an earlier run by key, and the function that keeps one more."""
+    OUTPUT.mkdir(exist_ok=True)
+    file, result = OUTPUT / f"{name}.jsonl", {}
+    if file.exists():
+        for line in file.read_text().splitlines():
+            result.update([json.loads(line)])
+
+    def keep(key, value):
+        with open(file, "a") as stream:
+            stream.write(json.dumps([key, value]) + "\n")
+        result[key] = value
+    return result, keep
 
 
 def save(fig, name):

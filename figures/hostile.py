@@ -6,8 +6,6 @@ Records are made here by plain NumPy, number k of a condition from the seed (SEE
 `python -m figures hostile` goes on where it was interrupted.
 """
 
-import json
-
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -103,35 +101,25 @@ CONDITIONS = {
     "noise 1.5 x its range": louder(1.5), "noise 5 x its range": louder(5.0),
     "noise half of its range": louder(0.5),
     "walk, simulator without": (walks, ("random_walk",)),
-    "rectangular pulse": (pulse, ("bias_step+bias_step", "unknown", "undecided")),
+    "rectangular pulse": (pulse, ("pulse", "bias_step+bias_step")),
     "square of a rate": (curved, ("nonlinearity",)),
 }
 
 
 def compute():
     """{condition: [verdict, ...]}; verdicts given before are kept."""
-    figures.OUTPUT.mkdir(exist_ok=True)
-    file, kept = figures.OUTPUT / "hostile.jsonl", {}
-    if file.exists():
-        for line in file.read_text().splitlines():
-            one = json.loads(line)
-            kept[one["condition"], one["number"]] = one["verdict"]
+    kept, keep = figures.kept("hostile")
     repeats = REPEATS if figures.size["trials"] >= 500 else 1
     result = {}
-    with open(file, "a") as stream:
-        for done, (name, (make, _)) in enumerate(CONDITIONS.items(), 1):
-            for number in range(repeats):
-                if (name, number) not in kept:
-                    y, dt, hypotheses, columns = make(np.random.default_rng(
-                        [SEED, number]))
-                    verdict = sensorlab.diagnose(y, dt, hypotheses, columns).verdict
-                    kept[name, number] = verdict
-                    stream.write(json.dumps(dict(condition=name, number=number,
-                                                 verdict=verdict)) + "\n")
-                    stream.flush()
-                result.setdefault(name, []).append(kept[name, number])
-            if figures.size["progress"]:
-                figures.size["progress"](done, len(CONDITIONS))
+    for done, (name, (make, _)) in enumerate(CONDITIONS.items(), 1):
+        for number in range(repeats):
+            key = f"{name} {number}"
+            if key not in kept:
+                y, dt, hypotheses, columns = make(np.random.default_rng([SEED, number]))
+                keep(key, sensorlab.diagnose(y, dt, hypotheses, columns).verdict)
+            result.setdefault(name, []).append(kept[key])
+        if figures.size["progress"]:
+            figures.size["progress"](done, len(CONDITIONS))
     return result
 
 

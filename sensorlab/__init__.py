@@ -17,7 +17,7 @@ _HOME = dict(
     ALGORITHMS="rivals", estimation_bound="rivals",
     Record="records", read_record="records",
     Model="modelfiles", read_model="modelfiles", model_text="modelfiles",
-    simulator_from="modelfiles",
+    simulator_from="gap.blackbox",
     CATALOGUE="gap.catalogue", Effect="gap.effects", Found="gap.effects",
     Scene="gap.effects", Simulator="gap.effects", simulate_effects="gap.effects",
     diagnose="gap.diagnosis", augmented="gap.diagnosis",

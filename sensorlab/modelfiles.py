@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import (
-    Parameter, as_number, as_parameter, hypothesis, identify)
+    Parameter, as_number, as_parameter, hypothesis)
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Found, Scene, Simulator
 
@@ -171,31 +171,3 @@ def _json_value(value):
     if isinstance(value, list):
         return [v if not np.isscalar(v) or np.isfinite(v) else None for v in value]
     return value
-
-
-def simulator_from(records, dt):
-    """Hypotheses that describe records of a black box.
-
-    Parameters
-    ----------
-    records : (L, N) array
-    dt : float
-
-    Returns
-    -------
-    tuple of Hypothesis
-        Those found in any of the records; the range of a parameter holds its posterior
-        mean -+ 2 standard deviations in all of them.
-    """
-    spans = {}
-    for y in records[:20]:
-        e = identify(y, dt).best
-        for p, mean, sd in zip(e.hypothesis.parameters, e.mean,
-                               np.sqrt(np.diag(e.covariance))):
-            low, high = max(p.low, mean - 2 * sd), min(p.high, mean + 2 * sd)
-            old = spans.setdefault(e.hypothesis.name, {}).get(p.symbol, (low, high))
-            spans[e.hypothesis.name][p.symbol] = min(low, old[0]), max(high, old[1])
-    means = np.nanmean(records, axis=1)
-    bias = float(np.sqrt(np.mean(means**2)) + np.nanstd(records[0]))
-    return tuple(hypothesis(name, bias_sigma=bias, **parameters)
-                 for name, parameters in spans.items())

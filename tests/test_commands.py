@@ -268,14 +268,12 @@ def test_a_model_with_effects_is_diagnosed_beyond_them(tmp_path, capsys):
     assert added["name"] == "random_walk" and set(added["parameters"]) == {
         "sigma_w", "sigma_v"}
 
-    ranged = dict(step, parameters=dict(onset=700.0, size=[1.0, 6.0]))
+    ranged = dict(step, parameters=dict(onset=[600.0, 700.0], size=3.0))
     heat = dict(name="temperature", column="temperature",
                 parameters=dict(coefficient=1.0))
-    coarse = dict(name="quantization", parameters=dict(lsb=0.1))
     for effects, message in ((((noise,), (step,)), "different effects"),
                              (((ranged,),), "has a range"),
-                             (((heat,),), "needs a column temperature"),
-                             (((coarse,),), "take it out")):
+                             (((heat,),), "needs a column temperature")):
         bad = written("bad.json", *effects)
         assert main(["diagnose", record, "--model", bad]) == 2
         error = capsys.readouterr().err

@@ -51,7 +51,7 @@ def test_a_plain_effect_is_named(effect):
         if np.isscalar(truth) and effect != "bias_instability":
             mean, sd = d.found[0].values[name]
             assert abs(abs(mean) - abs(truth)) < 4.0 * sd + 1e-3 * abs(truth), name
-    assert np.isnan(d.closed) or d.closed_interval[1] > 0.8
+    assert d.closure.interval[1] > 0.8
 
 
 @pytest.mark.large
@@ -96,24 +96,24 @@ def test_a_scale_factor_that_depends_on_temperature_is_unknown():
     assert d.after.p_place["covariate"] < 1e-4
 
 
+@pytest.mark.parametrize("effect", ["pulse", "second_order_drift", "hysteresis"])
+def test_what_drifts_returns_or_lags_is_named(effect):
+    record, t = generator.record(620, 2), np.arange(generator.N)
+    T = record["temperature"] = 25.0 + 5.0 * np.sin(2.0 * np.pi * t / 900.0)
+    shape = dict(pulse=(t >= 297) & (t < 312), second_order_drift=(t - 1500.0)**2 / 1e6,
+                 hysteresis=np.sign(np.gradient(T)))[effect].astype(float)
+    told = generator.information(shape, record["base"], record["parameters"])
+    record["error"] = record["clean"] + shape * np.sqrt(80.0 / told)    # 40 nats
+    d = diagnosed(record)
+    assert d.verdict == effect
+    if effect == "pulse":
+        assert abs(d.found[0].values["onset"][0] - 297.0) < 3.0
+        assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
+
+
 def test_two_effects_are_found_together():
     d = diagnosed(generator.record(400, 1, ["bias_step", "outliers"], level=4))
     assert set(d.verdict.split("+")) == {"bias_step", "outliers"}
-
-
-def test_what_is_in_most_of_the_probable_sets_is_named():
-    def verdict(**probability):
-        return diagnosis.verdict_of([
-            causes.Cause(tuple(Found(EFFECTS[name]) for name in effect.split("_and_")
-                               if name != "none"), p, 0.0)
-            for effect, p in probability.items()])
-    assert verdict(outliers=0.6, none=0.4) == "outliers"
-    assert verdict(outliers=0.45, outliers_and_sinusoid=0.4, none=0.15) == "outliers"
-    assert verdict(sinusoid_and_sinusoid=0.5, unknown=0.3, sinusoid=0.2
-                   ) == "sinusoid+sinusoid"
-    assert verdict(sinusoid_and_sinusoid=0.45, sinusoid=0.35, none=0.2) == "sinusoid"
-    assert verdict(bandwidth=0.4, outliers=0.35, none=0.25) == "undecided"
-    assert verdict(unknown=0.45, outliers=0.35, none=0.2) == "undecided"
 
 
 def test_a_wrong_parameter_is_named_with_its_factor():
@@ -161,7 +161,7 @@ def test_what_was_not_fitted_is_foretold_better():
     assert d.held_out.gain > 0.01
     assert d.held_out.gain > d.held_out.reference
     assert abs(d.held_out.ratio_after - 1.0) < 0.05    # real and calculated coincide
-    assert d.held_out.before > 3.0 and d.held_out.closed_interval[0] > 0.5
+    assert d.held_out.closure.before > 3.0 and d.held_out.closure.interval[0] > 0.5
 
 
 def test_a_users_effect_joins_the_catalogue_in_a_few_lines():

@@ -6,11 +6,12 @@ from sensorid import default_hypotheses
 from sensorlab.commands.shared import (
     check_outputs, progress_bar, read, simulated_records, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
+from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
 from sensorlab.gap.effects import Scene, Simulator, describe
 from sensorlab.gap.report import report, table
-from sensorlab.modelfiles import Model, model_text, read_model, simulator_from
+from sensorlab.modelfiles import Model, model_text, read_model
 
 
 def run(options):
@@ -25,9 +26,11 @@ def run(options):
         part for part in options.covariates.split(",") if part]
     record = read(options, model, beside)
     unit = model.unit if model else "u"
+    simulated = simulated_records(options, record.dt) if options.simulated else None
     try:
-        d = diagnose(record.error, record.dt, _simulator(options, model, record),
-                     record.columns, seed=options.seed, progress=progress_bar)
+        d = diagnose(record.error, record.dt,
+                     _simulator(model, simulated, record), record.columns,
+                     seed=options.seed, progress=progress_bar, simulated=simulated)
     except ValueError as problem:
         raise ValueError(f"{options.model or record.file}: {problem}") from None
     print(table(d, record, unit), end="")
@@ -54,13 +57,12 @@ def _checked_folder(options):
     return folder
 
 
-def _simulator(options, model, record):
+def _simulator(model, simulated, record):
     """What the record is compared with."""
     if model:
         return model.simulator
-    if options.simulated:
-        return Simulator(simulator_from(simulated_records(options, record.dt),
-                                        record.dt))
+    if simulated is not None:
+        return simulator_from(simulated, record.dt)
     return Simulator(default_hypotheses(record.error, record.dt))
 
 
@@ -69,7 +71,7 @@ def _list_effects(options):
     if options.record is not None:
         record = read(options, None, None)
         scene = Scene(record.error, record.dt, record.columns)
-        check_scene(*scene)
+        check_scene(scene.y, scene.dt, scene.columns)
     print("y is the error, u its unit, t the time, T the duration, dt the sampling "
           "interval.\nThe prior of a size, slope, coefficient or amplitude is highest "
           "at 4 standard errors,\nfalls from there on and is 0 at 0.\n")

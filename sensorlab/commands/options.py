@@ -8,11 +8,11 @@ MODELS = ("white_noise", "random_walk", "markov", "random_walk_markov", "two_mar
           "rate_ramp")
 ALGORITHMS = "slopes", "gmwm", "aic", "bic", "whittle"
 EFFECTS = (
-    "rate_ramp", "bias_step", "turn_on_transient", "sinusoid", "temperature",
-    "thermal_lag", "scale_factor", "nonlinearity", "latency", "g_sensitivity",
-    "covariate", "random_walk", "correlated_noise", "bias_instability", "bandwidth",
-    "noise_step", "outliers", "random_telegraph", "quantization", "saturation", "stuck",
-    "wrong_parameter")
+    "rate_ramp", "bias_step", "pulse", "second_order_drift", "turn_on_transient",
+    "sinusoid", "temperature", "thermal_lag", "scale_factor", "nonlinearity", "latency",
+    "g_sensitivity", "covariate", "hysteresis", "random_walk", "correlated_noise",
+    "bias_instability", "bandwidth", "noise_step", "outliers", "random_telegraph",
+    "quantization", "saturation", "stuck", "wrong_parameter")
 
 DESCRIPTION = """\
 sensorid says which error model a gyro or an accelerometer follows, with which

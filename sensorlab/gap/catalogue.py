@@ -25,6 +25,16 @@ def _from_onset(scene, x, psi):
     yield "", (scene.time >= psi - 1e-9 * scene.dt)[:, None].astype(float)
 
 
+def _between(scene, x, psi):
+    onset, duration = psi
+    since = scene.time - onset + 1e-9 * scene.dt
+    yield "", ((since >= 0.0) & (since < duration))[:, None].astype(float)
+
+
+def _parabola(scene, x, psi):
+    yield "", ((scene.time - psi)**2)[:, None]
+
+
 def _transient(scene, x, psi):
     yield "", np.exp(-scene.time / psi)[:, None]
 
@@ -58,6 +68,14 @@ def lagged(x, dt, tau):
 
 def _lagged(scene, x, psi):
     yield "", _centred(lagged(x, scene.dt, psi))[:, None]
+
+
+def _hysteresis(scene, x, psi):
+    width, behind = psi * np.ptp(x), np.empty(len(x))
+    at = x[0]
+    for i, value in enumerate(x):    # play: follows once the gap is used up
+        behind[i] = at = min(max(at, value - width), value + width)
+    yield "", _centred((x - behind) / width if width > 0.0 else 0.0 * x)[:, None]
 
 
 # ---- models: (scene, filt, **parameters) gives a shaping filter
@@ -152,8 +170,9 @@ def _telegraph(dt, dwell, size):
 
 def quantize(scene, y, lsb):
     """Round to multiples of lsb, on the lattice of the scene's record if it has one."""
-    seen = scene.y[~np.isnan(scene.y)]
-    origin = seen[0] if len(seen) and lattice(scene.y) else 0.0
+    raw = scene.y + scene.known
+    seen = raw[~np.isnan(raw)]
+    origin = seen[0] if len(seen) and lattice(raw) else 0.0
     y[:] = origin + lsb * np.round((y - origin) / lsb)
 
 
@@ -167,18 +186,71 @@ def _stick(scene, y, spans):
         y[..., first:first + int(length)] = y[..., first:first + 1]
 
 
+CONCENTRATED = 0.9    # of a lattice: digits may blur it by a quarter of its spacing
+MOST_VALUES = 400     # of a record that are looked at
+
+
 def lattice(y):
-    """Spacing of the values of a record, or 0 where they lie on no lattice."""
+    """Spacing of the values of a record, or 0 where they lie on no lattice.
+
+    The coarsest at which |mean of exp(2 pi i value / spacing)| over the values, each
+    once, is nearly 1: printed digits may have moved them a little.
+    """
     values = np.unique(y[~np.isnan(y)])
-    if len(values) < 2:
-        return 0.0
+    values = values - values[len(values) // 2]
     step = np.diff(values)
-    step = step[step > 1e-9 * (values[-1] - values[0])]
-    lsb = step.min()
-    for _ in range(3):    # refine with ever larger multiples
-        lsb = np.sum(step) / np.sum(np.round(step / lsb))
-    off = np.abs(step / lsb - np.round(step / lsb))
-    return float(lsb) if np.mean(off < 0.05) > 0.95 else 0.0
+    step = np.sort(step[step > 1e-9 * np.ptp(values)])
+    if len(step) == 0:
+        return 0.0
+    # steps of one scale lie together: within a lattice, or between what digits blurred
+    scales = np.split(step, np.flatnonzero(step[1:] > 3.0 * step[:-1]) + 1)
+    middle = max(len(values) - MOST_VALUES, 0) // 2
+    near = values[middle:middle + MOST_VALUES]
+    scales = [s for s in scales if len(s) >= RARE * len(step)]    # a gap is no lattice
+    for scale in reversed(scales):
+        for lsb in (_blurred_spacing(near, np.median(scale)), _spacing(values, scale)):
+            if lsb:
+                return lsb
+    return 0.0
+
+
+RARE = 0.1              # of the steps
+MAX_MULTIPLES = 2000    # of the spacing, in a lattice that digits blurred
+EXACT = 0.05            # of the spacing: what a value on a lattice may be off it
+
+
+def _spacing(values, scale):
+    """Spacing of a lattice whose smallest step is that of a scale, or 0."""
+    lsb = _refined(values, scale.min())
+    off = np.abs(values / lsb - np.round(values / lsb))
+    return lsb if np.mean(off < EXACT) > 0.95 else 0.0
+
+
+def _blurred_spacing(values, step):
+    """Spacing of a lattice with steps of about this size, or 0."""
+    reach = np.abs(values).max() / step
+    if reach > MAX_MULTIPLES:
+        return 0.0
+    tries = step * np.linspace(0.7, 1.4, int(8.0 * reach) + 16)
+    phase = [np.abs(np.mean(np.exp(2j * np.pi * values / lsb))) for lsb in tries]
+    best = int(np.argmax(phase))
+    return 0.0 if phase[best] < CONCENTRATED else _refined(values, tries[best])
+
+
+def _refined(values, lsb):
+    """The spacing of a lattice about zero from about what it is."""
+    for reach in (4.0, 16.0, 64.0, np.inf):    # refine with ever larger multiples
+        own = values[np.abs(values) <= reach * lsb]
+        number = np.round(own / lsb)
+        if number.any():
+            lsb = float(own @ number / (number @ number))
+    return float(lsb)
+
+
+def snapped(y):
+    """A record with its values on their lattice, if they have one."""
+    lsb, seen = lattice(y), y[~np.isnan(y)]
+    return seen[0] + lsb * np.round((y - seen[0]) / lsb) if lsb else y
 
 
 # ---- the catalogue
@@ -195,6 +267,7 @@ def _spread(scene):
     return max(np.nanstd(scene.y), 3.0 * scene.white)
 
 
+MIN_PULSE = 3     # samples: fewer are outliers
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
 
 
@@ -213,6 +286,18 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y + size from t = onset on; onset in s, size in u",
            resembles="random walk, one stuck interval",
            experiment="look for what happened at the onset: a knock, a restart"),
+    Effect("pulse", columns=_between, search="pulse",
+           parameters=lambda s: (_onset(s), _log("duration", MIN_PULSE * s.dt,
+                                                 0.5 * s.duration)),
+           equation="y + size from t = onset to onset + duration; both in s, size in u",
+           resembles="random telegraph, two bias steps, outliers",
+           experiment="look for what happened then: a shock, another load"),
+    Effect("second_order_drift", columns=_parabola, size="curvature",
+           parameters=lambda s: (Parameter("vertex", -0.5 * s.duration,
+                                           1.5 * s.duration),),
+           equation="y + curvature (t - vertex)^2; vertex in s, curvature in u/s^2",
+           resembles="turn-on transient, rate ramp, random walk",
+           experiment="record longer"),
     Effect("turn_on_transient", columns=_transient,
            parameters=lambda s: (_log("tau", s.duration / 400, s.duration / 3),),
            equation="y + size exp(-t / tau); tau in s, size in u",
@@ -256,6 +341,12 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y + coefficient (x - mean of x); in u per unit of x",
            resembles="any drift that moves as the column does",
            experiment="vary that quantity alone"),
+    Effect("hysteresis", columns=_hysteresis, column="any",
+           parameters=lambda s: (_log("play", 3e-4, 0.3),),
+           equation="y + size (x - X) / width, X follows x as soon as it is width = "
+                    "play (max x - min x) behind; play without unit, size in u",
+           resembles="thermal lag, scale factor, random telegraph",
+           experiment="drive that quantity up and down at different speed"),
     Effect("random_walk", model=_random_walk,
            parameters=lambda s: (_log("sigma_w", s.white / len(s.y),
                                       _spread(s) / np.sqrt(len(s.y)) * 10.0),),

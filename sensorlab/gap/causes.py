@@ -9,6 +9,8 @@ from sensorlab.gap.account import Account, account, gaussian, guess_from, mean_e
 from sensorlab.gap.catalogue import flicker_times
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS
+from sensorlab.gap.filters import solve
+from sensorlab.gap.readings import as_read
 from sensorlab.gap.signatures import estimate_signature, families, family_evidence
 
 UNKNOWN = Effect("unknown")    # something that is in no catalogue
@@ -165,7 +167,8 @@ def _values(effect, acc):
     """Mean and standard deviation of an effect's parameters over all hypotheses."""
     share = probabilities([s.log_evidence[0] for s in acc.samples])
     result = {}
-    for symbol in acc.member.effects[-1].values:
+    own = next(one for one in acc.member.effects if one.name == effect.name)
+    for symbol in own.values:
         first = second = 0.0
         for h, sample, part in zip(acc.hypotheses, acc.samples, share):
             value = h.value(sample.theta, effect.name, symbol)
@@ -213,12 +216,43 @@ def _with_best(scene, plain, acc, best, signature):
     return best.account
 
 
-def without(scene, acc, found, number):
+def estimated_together(full, acc, path):
+    """The set of effects of a path with the parameters that its account gives them:
+    each was found before the others were known.
+    """
+    if len(path.found) < 2:
+        return path
+    result, at = [], len(acc.signatures) - sum(
+        bool(one.effect.columns) for one in path.found)
+    plain, hypotheses = gaussian(as_read(full, acc.readings), acc)
+    theta = acc.member.matching(hypotheses[acc.best], acc.theta)[None]
+    solved = solve(hypotheses[acc.best], plain, acc.signatures, theta)
+    ends = 1 + np.cumsum([0, *(s.columns.shape[1] for s in acc.signatures)])
+    for one in path.found:
+        if one.effect.columns:
+            own, at = slice(ends[at], ends[at + 1]), at + 1
+            size, sd = solved.size[0, own], np.sqrt(np.diag(solved.cov[0])[own])
+            values = {one.effect.size: (
+                float(size[0] if len(size) == 1 else np.hypot(*size)),
+                float(np.sqrt(np.mean(sd**2))))}
+        elif one.effect.factor:
+            symbol = one.values["parameter"][0]
+            values = dict(factor=_factor(symbol, acc.bases, acc))
+        else:
+            values = {} if one.effect.reading else _values(one.effect, acc)
+        result.append(one._replace(values={**one.values, **values}))
+    return path._replace(found=tuple(result))
+
+
+def without(full, acc, found, number):
     """The account less effect `number` of those found, fitted again."""
     one = found[number]
-    hypotheses, signatures = acc.hypotheses, acc.signatures
+    hypotheses, signatures, readings = acc.hypotheses, acc.signatures, acc.readings
+    if one.effect.reading:
+        readings = tuple(r for r in readings if r.found.name != one.name)
     if one.effect.columns:
-        at = sum(bool(f.effect.columns) for f in found[:number])
+        # those of the simulator come first
+        at = len(signatures) - sum(bool(f.effect.columns) for f in found[number:])
         signatures = signatures[:at] + signatures[at + 1:]
     elif one.effect.factor:
         symbol = one.values["parameter"][0]
@@ -229,7 +263,7 @@ def without(scene, acc, found, number):
     else:
         hypotheses = [h._replace(effects=tuple(
             e for e in h.effects if e.name != one.name)) for h in hypotheses]
-    return account(scene, acc.bases, hypotheses, signatures, acc.readings)
+    return account(as_read(full, readings), acc.bases, hypotheses, signatures, readings)
 
 
 def _has_room(effect, acc, scene):
@@ -262,7 +296,7 @@ def _with_wrong_parameters(scene, acc, effect):
                        acc.readings)
         yield _Rival(effect, symbol, _log_bayes(wide, acc), account=wide,
                      values=dict(parameter=(symbol, 0.0),
-                                 factor=_factor(symbol, acc, wide)))
+                                 factor=_factor(symbol, acc.hypotheses, wide)))
 
 
 class Beyond(NamedTuple):
@@ -316,11 +350,11 @@ def _widened(h, sample, symbol, factor):
         *base.parameters[:column], wide, *base.parameters[column + 1:]))), pushed
 
 
-def _factor(symbol, acc, wide):
-    """A parameter over what the simulator has, or its nearest end: mean, sd."""
+def _factor(symbol, hypotheses, wide):
+    """A parameter over what hypotheses have, or its nearest end: mean, sd."""
     column = _column(wide.member, symbol)
     if column is None:
         return 1.0, 0.0
-    p, mean = acc.hypotheses[wide.best].parameters[column], wide.sample.mean[column]
+    p, mean = hypotheses[wide.best].parameters[column], wide.sample.mean[column]
     reference = np.clip(mean, p.low, p.high) or 1.0
     return float(mean / reference), float(wide.sample.sd()[column] / reference)

@@ -5,26 +5,56 @@ and on a part that took no part in the fit.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from sensorid import LOG_2PI
 from sensorlab.gap.account import account
 from sensorlab.gap.distance import distance
-from sensorlab.gap.effects import Scene
-from sensorlab.gap.readings import without_readings
+from sensorlab.gap.readings import as_read
 
 MIN_WAYS = 40           # simulated records that make an interval
 OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on
 
 
+class Closure(NamedTuple):
+    """How far a gap shrinks."""
+
+    before: float      # rms distance of what stood out, standard deviations
+    after: float       # the same with the effects; 1 is no gap
+    closed: float      # fraction, 1 - (after - 1) / (before - 1); NaN without a gap
+    interval: tuple    # of 95 %
+
+
+def threshold(gap):
+    """Distance that a record without a gap exceeds in one of twenty anywhere."""
+    return np.quantile(np.abs(gap.null).max(1), 1.0 - OUTSTANDING)
+
+
+def standing_out(gap):
+    """Which statistics of a record stand out, (S,)."""
+    return np.abs(gap.distance) > threshold(gap)
+
+
+def along_the_filter(log_bayes, left):
+    """`Closure` along the matched filter of what was found, where no place stands out:
+    sqrt(1 + 2 ln B), for ln B is corrected for the search, before; the same of the best
+    rival that is `left` after. The size found leaves one standard deviation of noise.
+    """
+    before, after = np.sqrt(1.0 + 2.0 * np.array([log_bayes, left]))
+    before = max(before, 1.0 + 1e-9)
+    low, high = np.sqrt(chi2.ppf([0.025, 0.975], 1)) - 1.0
+    closed = 1.0 - (after - 1.0 + np.array([0.0, high, low])) / (before - 1.0)
+    closed = np.clip(closed, -9.0, 1.0).tolist()
+    return Closure(float(before), float(after), closed[0], tuple(closed[1:]))
+
+
 def closure(before, after):
-    """rms distances before and after over the statistics that stood out before, the
-    fraction closed, 1 - (after - 1) / (before - 1), and its 95 % interval: where it
+    """`Closure` over the statistics that stood out before. Its interval is where it
     lies for records of the simulator with the effects, of which 1 is the truth.
     """
-    least = np.quantile(np.abs(before.null).max(1), 1.0 - OUTSTANDING)
-    out = np.abs(before.distance) > least
+    least, out = threshold(before), standing_out(before)
     if not out.any():
-        return before.rms(), after.rms(), np.nan, (np.nan, np.nan)
+        return Closure(before.rms(), after.rms(), np.nan, (np.nan, np.nan))
     first, last = before.rms(out), after.rms(out)
     # records of the simulator with the effects go the same way: what stands out before
     # is chosen, and its noise is there after
@@ -36,7 +66,7 @@ def closure(before, after):
     low, high = np.quantile(ways, [0.025, 0.975]) - 1.0
     closed = np.clip(1.0 - (last - 1.0 - np.array([0.0, low, high])) / (first - 1.0),
                      -9.0, 1.0)
-    return first, last, float(closed[0]), (float(closed[1]), float(closed[2]))
+    return Closure(first, last, float(closed[0]), (float(closed[1]), float(closed[2])))
 
 
 class HeldOut(NamedTuple):
@@ -49,10 +79,7 @@ class HeldOut(NamedTuple):
     reference: float      # of a flexible regression, nats a sample
     ratio_before: float   # real over calculated standard deviation of the predictions
     ratio_after: float    # the same with the effects: 1 where the criteria coincide
-    before: float         # rms distance of what stands out there, standard deviations
-    after: float          # the same with the effects; 1 is no gap
-    closed: float         # fraction of the gap; NaN where there was none
-    closed_interval: tuple
+    closure: Closure      # of what stands out there
 
 
 def held_out(scene, start, final, trials=None, seed=0):
@@ -65,9 +92,8 @@ def held_out(scene, start, final, trials=None, seed=0):
     if any(onset > cut * scene.dt for onset in onsets.values()) or any(
             not s.columns[:cut].any() for s in final.signatures):
         return None
-    seen = scene._replace(y=without_readings(scene.y[None], final.readings)[0])
-    head = Scene(seen.y[:cut], scene.dt,
-                 {name: x[:cut] for name, x in scene.columns.items()})
+    seen = as_read(scene, final.readings)
+    head = seen.cut(slice(cut))
     gaps = []
     for acc in (start, final):
         fit = account(head, acc.bases, [h.fixed(onsets) for h in acc.hypotheses],
@@ -79,7 +105,7 @@ def held_out(scene, start, final, trials=None, seed=0):
     score = [gap.log_score[cut:] for gap in gaps]
     ratio = [float(np.sqrt(np.nanmean(gap.z[cut:]**2))) for gap in gaps]
     return HeldOut(float(np.nanmean(score[1] - score[0])),
-                   _flexible_gain(seen, cut, score[0]), *ratio, *closure(*gaps))
+                   _flexible_gain(seen, cut, score[0]), *ratio, closure(*gaps))
 
 
 LAGS = 32    # samples back that the flexible regression looks

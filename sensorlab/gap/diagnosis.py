@@ -6,14 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import brief, simulate
+from sensorid import Parameter, brief, simulate
 from sensorlab.gap.account import Account, account, as_simulated, fixed
-from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.causes import UNKNOWN, Cause, further_causes, without
-from sensorlab.gap.effects import BLOCK, Found, Scene, Simulator, members, signature_of
-from sensorlab.gap.closure import closure, held_out
+from sensorlab.gap.catalogue import CATALOGUE, snapped
+from sensorlab.gap.causes import Cause, estimated_together
+from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
 from sensorlab.gap.distance import TRIALS, Gap, distance
-from sensorlab.gap.readings import readings, without_readings
+from sensorlab.gap.drift import drift
+from sensorlab.gap.effects import (
+    BLOCK, Scene, Simulator, columns_of, members, psi_of, signature_of)
+from sensorlab.gap.filters import Signature
+from sensorlab.gap.readings import Reading, as_read, readings
+from sensorlab.gap.remainder import Remainder, parts, remainder
+from sensorlab.gap.search import MAX_EFFECTS, search
+from sensorlab.gap.twins import Twins, less_shared
+from sensorlab.gap.verdict import all_causes, needed_duration, verdict_of
 
 
 class Diagnosis(NamedTuple):
@@ -21,20 +28,21 @@ class Diagnosis(NamedTuple):
     shrinks.
     """
 
-    scene: Scene             # less what the simulator's own signatures add, and offset
-    offset: float            # u, taken away where it is large beside all else
-    verdict: str             # an effect ("a+b" for two), none, unknown or undecided
+    scene: Scene
+    verdict: str             # an effect ("a+b" for two), none, unknown (what is left
+                             # beside others, or all there is) or undecided
     causes: tuple            # of Cause, most probable first; none and unknown are there
     known: tuple             # of Found: signatures that the simulator has
     base: Account            # the simulator as it was
     final: Account           # with the effects that were found
     found: tuple             # of Found: these effects, in the order found
+    parts: tuple             # of Part: what each of them closes
     before: Gap
     after: Gap
-    rms_before: float        # of what stood out, standard deviations; 1 is no gap
-    rms_after: float
-    closed: float            # fraction of the gap; NaN where there was none
-    closed_interval: tuple
+    closure: Closure         # how far the gap shrinks
+    directed: bool           # is that along the filter of what was found? else by place
+    remainder: Remainder     # what is left
+    drift: tuple             # of Drift: the error integrated over horizons
     nats_per_sample: float   # gain of the one-step-ahead log score
     held_out: tuple          # HeldOut; None where nothing was found to foretell from
     needed_duration: float   # s; NaN unless undecided
@@ -42,12 +50,8 @@ class Diagnosis(NamedTuple):
     __repr__ = brief
 
 
-MAX_EFFECTS = 3         # beside readings, looked for one after another
-LOOK_ON = 0.2           # p-value from which on no second process is looked for
-
-
 def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
-             progress=None):
+             progress=None, simulated=None):
     """Where a record differs from a simulator, which effect causes it, how far adding
     that effect closes the gap.
 
@@ -67,6 +71,9 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         Simulated records behind every p-value, by default TRIALS.
     seed : int
     progress : function of (done, all), optional
+    simulated : (L, M) array, optional
+        Records of the simulator itself, where they are all that is known of it (see
+        `simulator_from`): what they have, too, is no gap.
 
     Returns
     -------
@@ -85,22 +92,45 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     effects = tuple(CATALOGUE.values() if effects is None else effects)
     tell = _steps(progress)
 
-    full, offset, known, bases = _without_known(_simulator(simulator),
-                                                Scene(y, dt, columns))
-    base = account(full, bases)
-    before = distance(full, base, trials, seed)
+    simulator = _simulator(simulator)
+    raw = Scene(snapped(y), dt, columns)
+    shared, new = _readings(raw, simulator)
+    full, known, free, bases = _without_known(simulator, raw)
+    base = _with_readings(full, bases, free, shared)
+    before = alone = distance(full, base, trials, seed)
+    own = None if simulated is None else Twins(full, base, alone, simulated)
+    if own:
+        before = less_shared(alone, own.distances)
+
+    def measured(acc, trials=trials, before=alone):
+        gap = distance(full, acc, trials, seed + 1, before=before)
+        return less_shared(gap, own.distances, before) if own else gap
     tell()
-    scene, start = _without_readings(full, base)
-    search = _search(full, offset, scene, start, effects, before, trials, seed, tell)
-    causes = _causes(search, start, before)
+    start = _with_readings(full, bases, free, shared + new) if new else base
+    found = Cause(tuple(r.found._replace(values={
+        symbol: (value, 0.0) for symbol, value in r.found.values.items()})
+        for r in new), 1.0, sum(r.log_bayes for r in new))
+    done = search(full, start, found, effects, before, measured,
+                  own.show if own else lambda one: False, tell)
+    final, after = done.account, done.after
+    path = estimated_together(full, final, done.path)
+    done = done._replace(path=path, leaves={**done.leaves, path.effect: path})
+    closed, rest = closure(before, after), remainder(before, after)
+    directed = bool(path.found and np.isnan(closed.closed))
+    if directed:
+        closed = along_the_filter(path.log_bayes, done.left)
+    closes = parts(full, path, final, closed, before, after, measured)
+    causes = all_causes(done, start, before, rest, [
+        one for one, part in zip(path.found, closes) if part.stays])
     verdict = verdict_of(causes)
-    final = search.account
-    gain = (final.log_evidence - start.log_evidence) / max(np.sum(~np.isnan(scene.y)),
-                                                           1)
+    seen = max(np.sum(~np.isnan(as_read(full, start.readings).y)), 1)
     more = final.signatures or len(final.member.effects) > len(start.member.effects)
     result = Diagnosis(
-        full, offset, verdict, causes, known, base, final, search.path.found, before,
-        search.after, *closure(before, search.after), float(gain),
+        full, verdict, causes, known, base, final, path.found, closes, before, after,
+        closed, directed, rest,
+        drift(full, [as_simulated(acc, full, gap.theta) for acc, gap in (
+            (base, before), (final, after))], seed),
+        float((final.log_evidence - start.log_evidence) / seen),
         held_out(full, start, final, trials or TRIALS // 2, seed + 2) if more or
         final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis else None,
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
@@ -125,16 +155,15 @@ def augmented(d):
     # a uniform range of this half-width has that standard deviation
     width = np.sqrt(3.0) * d.final.sample.sd(d.final.theta)
     (h,), (effects,) = as_simulated(d.final, d.scene, d.after.theta, width)
-    h = h._replace(bias_sigma=float(np.hypot(h.bias_sigma, d.offset)))
-    return Simulator((h,), ((*d.known, *(_at_offset(e, d.offset) for e in effects)),))
+    known = sum((signature_of(d.scene, one, _numbers(one)) for one in d.known), 0.0)
+    offset = float(np.mean(d.scene.known - known))
+    h = h._replace(bias_sigma=float(np.hypot(h.bias_sigma, offset)))
+    return Simulator((h,), ((*d.known, *effects),))
 
 
-def _at_offset(found, offset):
-    """A reading of a record less an offset as one of the record itself."""
-    if "limits" not in found.values:
-        return found
-    return found._replace(values=dict(limits=[
-        limit + offset for limit in found.values["limits"]]))
+def _numbers(one):
+    """Values of an effect of a simulator that has no ranges."""
+    return {symbol: getattr(p, "low", p) for symbol, p in one.values.items()}
 
 
 # ---- the simulator, and the record less what is known
@@ -155,32 +184,36 @@ def _simulator(simulator):
         raise ValueError("the hypotheses of the simulator have different effects: "
                          "diagnose takes one set for all")
     for one in sets[0]:
-        if one.effect.reading:
-            raise ValueError(f"the simulator has {one.name}, which a record shows by "
-                             "itself: take it out to diagnose one")
-        if one.effect.columns and any(getattr(p, "free", False)
-                                      for p in one.values.values()):
+        if one.effect.columns and any(
+                getattr(p, "free", False) for symbol, p in one.values.items()
+                if symbol not in (one.effect.size, "phase")):
             raise ValueError(f"{one.name} of the simulator has a range: "
-                             "diagnose needs a number")
+                             "diagnose needs a number for all but its size")
     return simulator
 
 
-def _without_known(simulator, scene):
-    """The scene less the signatures that the simulator has and less an offset, these,
-    and the members of the simulator with a bias that the record may have.
+def _without_known(simulator, raw):
+    """The scene less an offset and less what the simulator's signatures of known size
+    add, these signatures, those of unknown size as `Signature`, and the members of the
+    simulator with a bias that the record may have.
     """
-    known = tuple(one for one in simulator.pairs[0][1] if one.effect.columns)
-    y = scene.y
-    for one in known:
-        if one.column and one.column not in scene.columns:
+    known, free, added = [], [], np.zeros(len(raw.y))
+    for one in simulator.pairs[0][1]:
+        if not one.effect.columns:
+            continue
+        if one.column and one.column not in raw.columns:
             raise ValueError(f"{one.name} of the simulator needs a column {one.column}:"
                              " beside the error is "
-                             f"{', '.join(scene.columns) or 'nothing'}")
-        y = y - signature_of(scene, one, {symbol: getattr(p, "low", p)
-                                          for symbol, p in one.values.items()})
-    bases = members(simulator, scene._replace(y=y))
+                             f"{', '.join(raw.columns) or 'nothing'}")
+        if any(getattr(p, "free", False) for p in one.values.values()):
+            free.append(_of_unknown_size(raw, one))
+        else:
+            known.append(one)
+            added += signature_of(raw, one, _numbers(one))
+    y = raw.y - added
+    bases = members(simulator, raw._replace(y=y))
     mean, spread, offset = float(np.nanmean(y)), float(np.nanstd(y)), 0.0
-    if abs(mean) > UNEXPECTED * expected_mean(bases, scene.dt, len(y)):
+    if abs(mean) > UNEXPECTED * expected_mean(bases, raw.dt, len(y)):
         # a bias that the simulator does not expect must not pass for an effect
         bases = tuple(_with_bias(h, max(h.bias_sigma, abs(mean))) for h in bases)
     if abs(mean) > FAR_FROM_ZERO * spread:
@@ -190,7 +223,20 @@ def _without_known(simulator, scene):
     # of two numbers in double precision, one must not drown the other
     bases = tuple(_with_bias(h, min(h.bias_sigma, ROUNDING * max(
         spread, abs(float(np.nanmean(y)))))) for h in bases)
-    return scene._replace(y=y), offset, known, bases
+    if known:
+        offset = offset + added
+    return raw._replace(y=y, known=offset), tuple(known), tuple(free), bases
+
+
+def _of_unknown_size(raw, one):
+    """A signature of the simulator, its size unknown within a range, as `Signature`."""
+    effect = one.effect
+    size = one.values[effect.size]
+    sd = float(np.hypot(size.mean, size.sd) if isinstance(size, Parameter) else size)
+    numbers = {**_numbers(one), effect.size: sd}
+    return Signature(one._replace(values=numbers),
+                     columns_of(raw, effect, one.column, one.variant,
+                                psi_of(raw, effect, numbers)), sd)
 
 
 def _with_bias(h, bias_sigma):
@@ -206,16 +252,34 @@ def expected_mean(hypotheses, dt, samples):
     return float(np.sqrt(np.mean(means**2)))
 
 
-def _without_readings(full, base):
-    """The scene and the account less what readings of the record hide."""
-    read = readings(full)
-    if not read:
-        return full, base
-    scene = full._replace(y=without_readings(full.y[None], read)[0])
+def _readings(raw, simulator):
+    """Readings that the simulator has, as the record shows them, and further ones."""
+    own = {one.name: one for one in simulator.pairs[0][1] if one.effect.reading}
+    seen = {r.found.name: r for r in readings(raw)}
+    shared = {name: r._replace(log_bayes=0.0) for name, r in seen.items()
+              if name in own and _alike(own[name].values, r.found.values)}
+    absent = [Reading(one, 0.0, np.zeros(len(raw.y), bool), False)
+              for name, one in own.items() if name not in seen and name != "stuck"]
+    return (*shared.values(), *absent), tuple(
+        r for name, r in seen.items() if name not in shared)
+
+
+ALIKE = 0.02    # relative: two counts or limits that are the same
+
+
+def _alike(own, seen):
+    """Is a reading of the simulator that of the record? Where samples stick may differ.
+    """
+    return all(symbol == "spans" or np.allclose(value, seen[symbol], rtol=ALIKE)
+               for symbol, value in own.items())
+
+
+def _with_readings(full, bases, signatures, read):
+    """The account of the simulator with signatures and readings."""
     inside = tuple(one._replace(values=fixed(**one.values)) for r in read
                    for one in [r.found] if one.effect.model)
-    return scene, account(scene, base.bases, tuple(
-        h._replace(effects=h.effects + inside) for h in base.bases), (), read)
+    return account(as_read(full, read), bases, tuple(
+        h._replace(effects=h.effects + inside) for h in bases), signatures, read)
 
 
 MIN_SAMPLES = 64    # fewer tell no effect from the noise
@@ -242,150 +306,3 @@ def check_columns(y, columns):
             raise ValueError(f"column {name} has shape {x.shape} and "
                              f"{np.sum(~np.isfinite(x))} values that are not finite: "
                              f"{len(y)} numbers are needed, one for every sample")
-
-
-# ---- one more effect at a time
-
-class _Search(NamedTuple):
-    """How far the search for effects has come."""
-
-    account: Account
-    path: Cause       # what has been found, with the probability of having gone there
-    leaves: dict      # name of a set of effects -> Cause: where the search could stop
-    after: Gap
-
-
-def _search(full, offset, scene, start, effects, before, trials, seed, tell):
-    """`_Search` from an account on, until nothing more is found."""
-    acc = start
-    path = Cause(tuple(r.found._replace(values={
-        symbol: (value, 0.0) for symbol, value in _at_offset(
-            r.found, offset).values.items()})
-        for r in start.readings), 1.0, sum(r.log_bayes for r in start.readings))
-    looks = 0
-    leaves, after = {}, before
-    if path.found:
-        after = distance(full, acc, trials, seed + 1, before=before)
-    while looks < MAX_EFFECTS and not any(r.opaque for r in start.readings):
-        looks += 1
-        # a process shows in the undirected statistics, if it is there; jumps may not
-        look = further_causes(scene, acc, effects,
-                              not path.found or after.p_value < LOOK_ON)
-        tell()
-        leaves = _with_leaves(leaves, path, look)
-        if look.account is None:
-            return _Search(acc, path, leaves, after)
-        best = next(c for c in look.causes if c.found)
-        acc, path = look.account, _joined(path, best)
-        leaves.pop(path.effect)
-        acc, path, leaves = _without_needless(scene, acc, path, leaves, look.prior)
-        after = distance(full, acc, trials, seed + 1, before=before)
-    return _Search(acc, path, {**leaves, path.effect: path}, after)
-
-
-def _without_needless(scene, acc, path, leaves, prior):
-    """The account and the path without what was found before and is not needed beside
-    what is found now: what one effect seemed to be two others may explain.
-    """
-    for number, one in reversed(list(enumerate(path.found[:-1]))):
-        if one.effect.reading:
-            continue
-        less = without(scene, acc, path.found, number)
-        log_odds = acc.log_evidence - less.log_evidence + prior
-        if log_odds < 0.0:
-            kept = 1.0 / (1.0 + np.exp(-log_odds))
-            full, total = path, path.probability
-            path = Cause(path.found[:number] + path.found[number + 1:],
-                         (1.0 - kept) * total,
-                         path.log_bayes + less.log_evidence - acc.log_evidence)
-            leaves = {**leaves, full.effect: full._replace(probability=kept * total)}
-            leaves.pop(path.effect, None)
-            acc = less
-    return acc, path, leaves
-
-
-def _joined(path, cause):
-    """A set of effects and one more."""
-    return Cause(path.found + cause.found, path.probability * cause.probability,
-                 path.log_bayes + cause.log_bayes)
-
-
-def _with_leaves(leaves, path, look):
-    """The sets of effects where a search could stop, after one more look.
-
-    Rivals of what is found now lack it as much as the account did to which it is added,
-    unless it is theirs.
-    """
-    result = dict(leaves)
-    if look.account is not None:
-        alone = next(c.probability for c in look.causes if not c.found)
-        best = next(c for c in look.causes if c.found)
-        result = {}
-        for one in leaves.values():
-            result[one.effect] = one._replace(probability=alone * one.probability)
-            if one.found and best.effect not in one.effects:
-                both = Cause(one.found + best.found, (1.0 - alone) * one.probability,
-                             one.log_bayes + best.log_bayes)
-                result[both.effect] = both
-    for cause in look.causes:
-        one = _joined(path, cause)
-        if (one.effect not in result
-                or result[one.effect].probability < one.probability):
-            result[one.effect] = one
-    return result
-
-
-# ---- verdict
-
-PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
-MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
-SURE = 0.5              # what is named is more probable than not
-
-
-def unknown_probability(p_value):
-    """That something is still missing, from the p-value of what is left.
-
-    -ln p is exponential: of mean 1 where nothing is missing, of mean MISSING_NATS
-    where something is (T. Sellke, M. Bayarri, J. Berger, "Calibration of p values",
-    Am. Stat. 55, 2001).
-    """
-    log_odds = (np.log(PRIOR_UNKNOWN / (1.0 - PRIOR_UNKNOWN) / MISSING_NATS)
-                - (1.0 - 1.0 / MISSING_NATS) * np.log(p_value))
-    return float(1.0 / (1.0 + np.exp(-log_odds)))
-
-
-def _causes(search, start, before):
-    """All sets of effects, none and unknown among them, most probable first."""
-    # what stands out only beside an added effect speaks against that effect
-    unknown = (PRIOR_UNKNOWN / MISSING_NATS if any(r.opaque for r in start.readings)
-               else unknown_probability(max(before.p_value, search.after.p_value)))
-    total = sum(c.probability for c in search.leaves.values())
-    causes = [c._replace(probability=float((1.0 - unknown) * c.probability / total))
-              for c in search.leaves.values()]
-    causes.append(Cause((Found(UNKNOWN),), unknown, 0.0))
-    if "none" not in search.leaves:
-        causes.append(Cause((), 0.0, 0.0))
-    return tuple(sorted(causes, key=lambda c: -c.probability))
-
-
-def verdict_of(causes):
-    """The first cause if it is more probable than not, or else every effect that is, in
-    whatever company (the median probability model; M. Barbieri, J. Berger, "Optimal
-    predictive model selection", Ann. Stat. 32, 2004).
-    """
-    if causes[0].probability >= SURE:
-        return causes[0].effect
-    present = {}
-    for c in causes:
-        for effect in dict.fromkeys(c.effects or ("none",)):
-            present[effect] = present.get(effect, 0.0) + c.probability
-    return "+".join(e for e, p in present.items() if p >= SURE) or "undecided"
-
-
-def needed_duration(causes, scene):
-    """Record length, s, at which the two best causes would be told apart, if their log
-    odds grew as they did.
-    """
-    first, second = (c.probability for c in causes[:2])
-    odds = max(np.log(first / max(second, 1e-12)), 0.5)
-    return float(scene.duration * max(3.0 / odds, 1.0))

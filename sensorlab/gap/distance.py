@@ -59,8 +59,10 @@ class _Setting(NamedTuple):
         """Records (trials, N) as they are read, and less what says nothing."""
         read = simulate_effects(simulator, self.scene, trials, seed, number).error
         if self.printed:
+            read += self.scene.known
             quantize(self.scene, read, self.printed)
-        return read, without_readings(read, self.acc.readings)
+            read -= self.scene.known
+        return read, without_readings(self.scene, read, self.acc.readings)
 
     def simulator(self, *thetas):
         """The account's simulator at each theta, all equally probable."""
@@ -100,28 +102,31 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None):
             beside.append(before.ruler.measured(read[0]))
     ruler, null = ruler.marked(np.vstack(T), np.vstack(s), stats)
     d = ruler.distances(stats.value, gain)[0]
-    places = np.array(stats.place)
-    p_place = {}
+    stats = stats._replace(value=stats.value[0])
+    return Gap(stats, d, null, *p_values(stats.place, ruler.usable, d, null), truth,
+               real.z[0, 0], real.log_score[0, 0], ruler,
+               np.vstack(beside) if beside else None)
+
+
+def p_values(listed, usable, d, null):
+    """p-value of every place, and of the whole."""
+    result = {}
     for place in PLACES:
-        own = (places == place) & ruler.usable
+        own = (np.array(listed) == place) & usable
         if own.any():
-            p_place[place] = _tail(np.append(np.abs(d[own]).max(),
-                                             np.abs(null[:, own]).max(1)))
-    p_value = -np.expm1(len(p_place) * np.log1p(-min(p_place.values())))
-    return Gap(stats._replace(value=stats.value[0]), d, null, p_place,
-               float(max(p_value, 1e-15)), truth, real.z[0, 0], real.log_score[0, 0],
-               ruler, np.vstack(beside) if beside else None)
+            result[place] = _tail(np.append(np.abs(d[own]).max(),
+                                            np.abs(null[:, own]).max(1)))
+    whole = -np.expm1(len(result) * np.log1p(-min(*result.values(), 1.0 - 1e-15)))
+    return result, float(max(whole, 1e-15))
 
 
 def _setting(scene, acc, first):
-    own = without_readings(scene.y[None], acc.readings)
-    fitted, late = scene._replace(y=own[0]), scene
+    own = without_readings(scene, scene.y[None], acc.readings)
+    fitted, late = scene._replace(y=own[0]), scene.cut(slice(first, None))
     if first:
         fitted = scene._replace(y=np.where(np.arange(len(scene.y)) < first, own[0],
                                            np.nan))
-        late = Scene(scene.y[first:], scene.dt,
-                     {name: x[first:] for name, x in scene.columns.items()})
-    lsb, noise = lattice_and_noise(scene.y)
+    lsb, noise = lattice_and_noise(scene.y + scene.known)
     return _Setting(scene, acc, first, own, fitted, late,
                     lsb if lsb <= COARSE * noise else 0.0)
 
@@ -246,7 +251,8 @@ class _Ruler(NamedTuple):
 
     def measured(self, read):
         """Distances (R, S) of records as they are read."""
-        masked = without_readings(read, self.fit.setting.acc.readings)
+        setting = self.fit.setting
+        masked = without_readings(setting.scene, read, setting.acc.readings)
         _, stats, gains = self.laid(read, masked)
         return self.distances(stats.value, gains)
 

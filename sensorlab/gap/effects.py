@@ -13,8 +13,16 @@ class Scene(NamedTuple):
     y: np.ndarray    # (N,) sensor error, u; NaN where missing
     dt: float        # s
     columns: dict    # name -> (N,) array
+    known: np.ndarray = 0.0    # (N,) or a number, u: what was taken away from the
+                               # record, its offset and what the simulator adds
 
     __repr__ = brief
+
+    def cut(self, part):
+        """A slice of the scene."""
+        known = self.known[part] if np.ndim(self.known) else self.known
+        return self._replace(y=self.y[part], known=known, columns={
+            name: x[part] for name, x in self.columns.items()})
 
     @property
     def time(self):
@@ -57,15 +65,18 @@ class Effect(NamedTuple):
     name: str
     columns: Callable = None    # (scene, x, psi) -> pairs of a variant and an (N, k)
                                 # array, k <= 2, which a size multiplies; x is the
-                                # column beside the error, psi the parameter
+                                # column beside the error, psi the parameter,
+                                # or a tuple where there are several
     model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter
     jumps: Callable = None      # (dt, **parameters) -> Jumps
     reading: Callable = None    # (scene, y, **values) alters values y (..., N) in place
     factor: float = 0.0         # by which one parameter of the simulator may be wrong
     parameters: Callable = nothing    # of the scene: priors of all that is no size
-    search: str = ""            # how psi is found: "onset", "frequency", else by a list
+    search: str = ""            # how psi is found: "onset", "frequency", "pulse", else
+                                # by a list
     size: str = "size"          # what the factor of the columns is called
-    column: str = ""            # what must be recorded beside the error; "*" is any
+    column: str = ""            # what must be recorded beside the error; "*" is what no
+                                # other effect names, "any" is anything
     equation: str = ""          # what becomes of the error y, with units
     resembles: str = ""         # what it is confused with
     experiment: str = ""        # what tells them apart
@@ -234,11 +245,11 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
                     for symbol, p in one.values.items()})
     for number, (_, effects) in enumerate(simulator.pairs):
         own = drawn.hypothesis == number
-        read = drawn.error[own]
+        read = drawn.error[own] + scene.known
         for one in effects:
             if one.effect.reading:
                 one.effect.reading(scene, read, **one.values)
-        drawn.error[own] = read
+        drawn.error[own] = read - scene.known
     drawn.error[:, np.isnan(scene.y)] = np.nan
     return drawn
 
@@ -246,13 +257,19 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
 def signature_of(scene, one, value):
     """What an effect with columns adds (N,) at values of its parameters."""
     effect = one.effect
-    psi = next((value[p.symbol] for p in effect.parameters(scene)), np.nan)
-    columns = columns_of(scene, effect, one.column, one.variant, psi)
+    columns = columns_of(scene, effect, one.column, one.variant,
+                         psi_of(scene, effect, value))
     size = np.array([value[effect.size]])
     if columns.shape[1] == 2:
         phase = value.get("phase", 0.0)
         size = size * [np.cos(phase), -np.sin(phase)]
     return columns @ size
+
+
+def psi_of(scene, effect, values):
+    """What the columns of an effect depend on: NaN, a number or several."""
+    psi = tuple(values[p.symbol] for p in effect.parameters(scene))
+    return psi if len(psi) > 1 else psi[0] if psi else np.nan
 
 
 def columns_of(scene, effect, column, variant, psi):
@@ -279,6 +296,7 @@ def describe(effect, scene=None):
     lines = [f"{effect.name}: {effect.equation}"]
     if effect.column:
         lines.append("needs, as x, " + ("any other column" if effect.column == "*" else
+                                        "any column" if effect.column == "any" else
                                         f"a column {effect.column}"))
     if scene:
         units = dict(onset="s", tau="s", dwell="s", frequency="Hz", sigma="u", size="u")

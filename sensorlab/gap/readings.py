@@ -30,8 +30,13 @@ HIDDEN = 0.05         # of the samples: more clipped ones are not missing at ran
                       # Noise", 2008)
 
 
+ROUNDING = 1e-9       # of the white noise: equal but for rounding
+
+
 def readings(scene):
-    """Quantization, saturation and stuck samples of a record, as a tuple of Reading."""
+    """Quantization, saturation and stuck samples of a record from which nothing was
+    taken away, as a tuple of Reading.
+    """
     y, N = scene.y, len(scene.y)
     lsb, noise = lattice_and_noise(y)
     limits, clipped = _clipped(y, lsb)
@@ -95,13 +100,23 @@ def _stuck(y, lsb, noise, clipped):
     return spans, stuck
 
 
-def without_readings(y, seen):
-    """Records (R, N) with NaN where a reading says nothing more of the true value."""
+def as_read(full, seen):
+    """A scene less what readings hide."""
+    if not seen:
+        return full
+    return full._replace(y=without_readings(full, full.y[None], seen)[0])
+
+
+def without_readings(scene, y, seen):
+    """Records (R, N) like that of a scene with NaN where a reading says nothing more of
+    the true value.
+    """
     y = y.copy()
     for one in seen:
         if "limits" in one.found.values:
-            low, high = one.found.values["limits"]
-            y[(y <= low) | (y >= high)] = np.nan
+            low, high = np.subtract(one.found.values["limits"], scene.known)
+            least = ROUNDING * scene.white
+            y[(y <= low + least) | (y >= high - least)] = np.nan
         else:
             y[:, one.masked] = np.nan
     return y

@@ -5,8 +5,8 @@ import numpy as np
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.causes import LISTED_FROM
 from sensorlab.gap.closure import LAGS
-from sensorlab.gap.diagnosis import SURE
 from sensorlab.gap.places import FAR_OUT, UNITS
+from sensorlab.gap.verdict import SURE, present
 
 
 def finite(x):
@@ -37,12 +37,18 @@ def report(d, record):
                     dt=record.dt),
         verdict=d.verdict,
         gap=dict(p_value=d.before.p_value, residual_p_value=d.after.p_value,
-                 before=d.rms_before, after=d.rms_after, closed=d.closed,
-                 closed_interval=d.closed_interval,
+                 **_closure(d.closure), along_the_filter=d.directed,
                  nats_per_sample=d.nats_per_sample,
-                 held_out=d.held_out and d.held_out._asdict()),
-        where=[dict(place=s.place[i], at=s.at[i],
-                    column=s.column[i] or None, before=abs(float(d.before.distance[i])),
+                 remainder=dict(share=d.remainder.share, p_value=d.remainder.p_value,
+                                where=_place(s, d.remainder.where)),
+                 drift=[one._asdict() for one in d.drift],
+                 held_out=d.held_out and _held_out(d.held_out)),
+        found=[dict(effect=one.name, column=one.column or None,
+                    variant=one.variant or None, share=part.share, needed=part.stays,
+                    probability=present(d.causes).get(one.name, 0.0),
+                    parameters=_parameters(one.values))
+               for one, part in zip(d.found, d.parts)],
+        where=[dict(**_place(s, i), before=abs(float(d.before.distance[i])),
                     after=abs(float(d.after.distance[i])),
                     p_value=d.before.p_place[s.place[i]],
                     residual_p_value=d.after.p_place[s.place[i]])
@@ -51,10 +57,29 @@ def report(d, record):
                      variant="+".join(one.variant for one in c.found if one.variant)
                      or None,
                      probability=c.probability, log_bayes_factor=c.log_bayes,
-                     parameters={name: dict(mean=mean, sd=sd) for name, (mean, sd)
-                                 in c.parameters.items()})
+                     parameters=_parameters(c.parameters))
                 for c in d.causes],
         needed_duration=d.needed_duration))
+
+
+def _closure(c):
+    return dict(before=c.before, after=c.after, closed=c.closed,
+                closed_interval=c.interval)
+
+
+def _held_out(h):
+    return dict(gain=h.gain, reference=h.reference, ratio_before=h.ratio_before,
+                ratio_after=h.ratio_after, **_closure(h.closure))
+
+
+def _parameters(values):
+    return {name: dict(mean=mean, sd=sd) for name, (mean, sd) in values.items()}
+
+
+def _place(s, i):
+    """Where statistic number i looks; None for no statistic."""
+    return None if i < 0 else dict(place=s.place[i], at=s.at[i],
+                                   column=s.column[i] or None)
 
 
 # ---- the table
@@ -81,7 +106,7 @@ def table(d, record, unit):
     """The diagnosis as a table for a terminal."""
     lines = [f"{record.file}, column {record.column}: {len(record.error)} samples at "
              f"{record.dt:g} s; beside it: {', '.join(record.columns) or 'nothing'}",
-             *_verdict(d), *_causes(d, record.dt, unit), *_where(d), *_closed(d),
+             *_verdict(d), *_causes(d, record.dt, unit), *_where(d), *_closed(d, unit),
              *_advice(d)]
     return "\n".join(lines) + "\n"
 
@@ -97,7 +122,7 @@ def _verdict(d):
         yield ("no place stands out by itself (a gap as large has the chance "
                f"{d.before.p_value:.2g}): only the search for each effect tells")
     else:
-        yield (f"gap: {d.rms_before:.3g} standard deviations where it stands out "
+        yield (f"gap: {d.closure.before:.3g} standard deviations where it stands out "
                f"(p = {d.before.p_value:.2g}; 1 is no gap)")
 
 
@@ -123,8 +148,8 @@ def _words(c, dt):
             parts.append(mean)
         else:
             parts.append(f"{name} {mean:.4g}" + (f" +- {sd:.2g}" if sd else ""))
-    if c.effect == "wrong_parameter" and "factor" in c.parameters:
-        parts.append(looks_like(*c.parameters["factor"], dt))
+    parts += [looks_like(*value, dt) for name, value in c.parameters.items()
+              if name.split(".")[-1] == "factor"]
     return ", ".join(filter(None, parts))
 
 
@@ -150,15 +175,25 @@ def _at(s, i):
     return (f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}") + f" {unit}"
 
 
-def _closed(d):
-    if np.isfinite(d.closed):
-        yield (f"closed by adding {added_names(d)}: {_percent(d)} of the gap, "
-               f"{d.nats_per_sample:.2g} nats a sample; left: p = "
-               f"{d.after.p_value:.2g}")
+def _closed(d, unit):
+    if d.found and np.isfinite(d.closure.closed):
+        yield (f"closed by adding {added_names(d)}: {_percent(d.closure)} of the gap"
+               + ", as the effect itself shows it" * d.directed
+               + f", {d.nats_per_sample:.2g} nats a sample; left: p = "
+               f"{d.after.p_value:.2g}, {100 * d.remainder.share:.0f} % of the gap")
+    if len(d.found) > 1:
+        yield "each of them, taken out again, opens: " + ", ".join(
+            f"{one.name} {100 * part.share:.0f} %"
+            for one, part in zip(d.found, d.parts))
+    for one in d.drift if d.found or d.verdict == "unknown" else ():
+        yield (f"error integrated over {one.horizon:g} s: rms {one.record:.3g} {unit} "
+               f"s; simulated {one.simulator:.3g}"
+               + (f", with {added_names(d)} {one.with_effects:.3g}" if d.found else ""))
     if d.held_out:
         h = d.held_out
         yield ("the last third, by a fit of the others: "
-               + (f"closed {_percent(h)}, " if np.isfinite(h.closed) else
+               + (f"closed {_percent(h.closure)}, " if np.isfinite(h.closure.closed)
+                  else
                   "nothing stands out, ")
                + f"{h.gain:+.2g} nats a sample (a regression on {LAGS} samples "
                f"and all columns: {h.reference:+.2g}); errors are "
@@ -168,7 +203,7 @@ def _closed(d):
 
 def _percent(part):
     """What is closed of a gap, and its interval, as text."""
-    low, high = part.closed_interval
+    low, high = part.interval
     return f"{100 * part.closed:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
 
 
@@ -192,11 +227,15 @@ def _advice(d):
     if d.verdict == "undecided":
         yield (f"a record of about {float(f'{d.needed_duration:.2g}'):g} s would "
                "tell the first two apart, if the odds grow as they did")
-    if d.verdict == "unknown":
+    if "unknown" in d.verdict:
         i = outstanding(d.after)[0]
         s = d.before.statistics
         yield ("what is left fits no effect of the catalogue: look at "
                f"{s.place[i].replace('_', ' ')}, {_at(s, i)}")
+        doubtful = [one.name for one, part in zip(d.found, d.parts) if not part.stays]
+        if doubtful:
+            yield (f"{', '.join(doubtful)} may stand in for it: not needed where it is "
+                   "described by any colour and spread")
 
 
 def clusters(x):

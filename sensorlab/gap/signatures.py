@@ -12,8 +12,8 @@ from numba import njit
 from scipy.special import logsumexp
 
 from sensorid import JIT, brief, probabilities
-from sensorlab.gap.catalogue import CATALOGUE, MIN_CYCLES
-from sensorlab.gap.effects import BLOCK, Effect, Found, columns_of
+from sensorlab.gap.catalogue import CATALOGUE, MIN_CYCLES, MIN_PULSE
+from sensorlab.gap.effects import BLOCK, Effect, Found, columns_of, psi_of
 from sensorlab.gap.evidence import integrate, onset_law
 from sensorlab.gap.filters import Signature, polarized, processes, solve
 from sensorlab.gap.kernels import KERNEL, in_threads, row_products, spectrum
@@ -96,7 +96,7 @@ def _average(first, last, gain, table, plain, per_unit, result):
 class Scores(NamedTuple):
     """Signatures of one effect at many values of psi, for M nodes."""
 
-    psi: np.ndarray     # (m,)
+    psi: np.ndarray     # (m,) or (m, d)
     gain: np.ndarray    # (M, m) squared standard score of the size
     size: np.ndarray    # (M, m) least-squares size (of a sinusoid: amplitude)
     sd: np.ndarray      # (M, m) its standard error
@@ -110,7 +110,7 @@ class Family(NamedTuple):
 
     effect: Effect
     column: str            # "" where none is needed
-    psi: np.ndarray = None        # (m,)
+    psi: np.ndarray = None        # (m,) or, where there are several, (m, d)
     variant: tuple = ()           # (m,)
     columns: np.ndarray = None    # (m, k, N); None for onsets and frequencies
 
@@ -130,7 +130,8 @@ def families(scene, effects, signatures=()):
             continue
         beside = [""] if not effect.column else [
             name for name, x in scene.columns.items() if np.std(x) > 0.0
-            and (name == effect.column or effect.column == "*" and name not in named)]
+            and (name == effect.column or effect.column == "any"
+                 or effect.column == "*" and name not in named)]
         for column in beside:
             if effect.search:
                 result.append(Family(effect, column))
@@ -267,7 +268,39 @@ def _spectral_scores(h, scene, theta, solved, keep):
     return Scores(frequency, square / J, np.sqrt(square) / J, 1.0 / np.sqrt(J), 2)
 
 
-SEARCHES = dict(onset=_onset_scores, frequency=_frequency_scores)
+DURATION_STEP = 1.6                       # ratio of one duration of a pulse to the next
+KNOTS = 0.0, 0.02, 0.1, 0.5, 1.0          # of all onsets, where the information of a
+                                          # pulse is exact; it is smooth between them
+
+
+def _pulse_scores(h, scene, family, theta, solved):
+    """Pulses of any duration, which begin an eighth of it apart at most."""
+    N = len(scene.y)
+    lengths = np.unique(np.round(np.exp(np.arange(
+        np.log(MIN_PULSE), np.log(N / 2.0), np.log(DURATION_STEP)))).astype(int))
+    knots = [np.unique(np.round(1 + np.array(KNOTS) * (N - n - 2)).astype(int))
+             for n in lengths]
+    exact = explicit(scene, family.effect, family.column, [
+        (i * scene.dt, n * scene.dt) for n, at in zip(lengths, knots) for i in at])
+    squares = np.split(quadratic(h, scene, exact.columns, theta)[..., 0, 0],
+                       np.cumsum([len(at) for at in knots])[:-1], axis=1)
+    number = np.cumsum(np.pad(solved.residual, ((0, 0), (1, 0))), axis=1)
+    cross = np.cumsum(np.pad(solved.w, ((0, 0), (0, 0), (1, 0))), axis=2)
+    psi, score, information = [], [], []
+    for n, at, square in zip(lengths, knots, squares):
+        first = np.arange(1, N - n, max(n // 8, 1))
+        inside = cross[:, :, first + n] - cross[:, :, first]
+        J = np.array([np.interp(first, at, one) for one in square])
+        least = 1e-6 * J + 1e-300
+        J = J - np.einsum("mci, mcd, mdi -> mi", inside, solved.cov, inside)
+        information.append(np.maximum(J, least))
+        score.append(number[:, first + n] - number[:, first])
+        psi.append(np.column_stack([first, np.full(len(first), n)]) * scene.dt)
+    J, size = np.hstack(information), np.hstack(score) / np.hstack(information)
+    return Scores(np.vstack(psi), size * size * J, size, 1.0 / np.sqrt(J), 1)
+
+
+SEARCHES = dict(onset=_onset_scores, frequency=_frequency_scores, pulse=_pulse_scores)
 
 
 # ---- evidence of the families, and the signature that is found
@@ -311,7 +344,7 @@ class _Sizes(NamedTuple):
     mass: np.ndarray      # (M, m, v)
     mean: np.ndarray      # (M, m, v)
     second: np.ndarray    # (M, m, v) moment
-    psi: np.ndarray       # (m,)
+    psi: np.ndarray       # (m, d)
     variant: np.ndarray   # (m,)
 
 
@@ -328,9 +361,9 @@ def estimate_signature(hypotheses, scene, signatures, family, samples, number):
               for h, sample, share in zip(hypotheses, samples, shares) if share > 1e-3]
     best = max(pieces, key=lambda p: p.mass.sum((0, 2)).max())
     at = best.mass.sum((0, 2)).argmax()
-    psi, variant = float(best.psi[at]), str(best.variant[at])
+    psi, variant = best.psi[at].tolist(), str(best.variant[at])
     # the sizes of different variants have different units
-    pieces = [(p.mass[:, own], p.mean[:, own], p.second[:, own], p.psi[own][:, None])
+    pieces = [(p.mass[:, own], p.mean[:, own], p.second[:, own], p.psi[own])
               for p in pieces for own in [p.variant == variant]]
     total = sum(p[0].sum() for p in pieces)
 
@@ -338,16 +371,18 @@ def estimate_signature(hypotheses, scene, signatures, family, samples, number):
         return float(sum((p[0] * part(p)).sum() for p in pieces) / total)
     effect = family.effect
     values = {}
-    for p in effect.parameters(scene):
-        mean = expected(lambda p: p[3])
-        values[p.symbol] = mean, np.sqrt(expected(lambda p: (p[3] - mean)**2))
+    for k, p in enumerate(effect.parameters(scene)):
+        mean = expected(lambda p: p[3][:, k, None])
+        values[p.symbol] = mean, float(np.sqrt(expected(
+            lambda p: (p[3][:, k, None] - mean)**2)))
     size = expected(lambda p: p[1])
     sd = float(np.sqrt(max(expected(lambda p: p[2]) - size**2, 0.0)))
     values[effect.size] = size, sd
     found = Found(effect, family.column, variant, values, float(total))
-    numbers = {symbol: psi for symbol in values if symbol != effect.size}
-    return Signature(found._replace(values={**numbers, effect.size: size}),
-                     columns_of(scene, effect, family.column, variant, psi),
+    numbers = {**dict(zip(values, psi)), effect.size: size}
+    return Signature(found._replace(values=numbers),
+                     columns_of(scene, effect, family.column, variant,
+                                psi_of(scene, effect, numbers)),
                      3.0 * float(np.hypot(size, sd))), found
 
 
@@ -370,8 +405,8 @@ def _sizes(h, scene, signatures, family, theta, share):
     second = (square**2 + (k + 5) * square * variance + (k + 2) * variance**2) / (
         square + k * variance)
     variant = np.array(family.variant or [""] * len(found.psi))
-    return _Sizes(mass * share / len(theta), mean, second, found.psi[near],
-                  variant[near])
+    return _Sizes(mass * share / len(theta), mean, second,
+                  found.psi[near].reshape(len(near), -1), variant[near])
 
 
 def _refined(scene, family, found):
@@ -382,6 +417,14 @@ def _refined(scene, family, found):
     if effect.search == "onset" or not effect.parameters(scene):
         return None
     mass = np.exp(0.5 * (found.gain - found.gain.max())).sum(0)
+    if effect.search == "pulse":
+        onset, length = np.round(found.psi[mass.argmax()] / scene.dt).astype(int)
+        near = length * (DURATION_STEP - 1.0) * np.linspace(-1.0, 1.0, 13)
+        ends = np.unique(np.round(near).astype(int))
+        return explicit(scene, effect, family.column, [
+            ((onset + i) * scene.dt, (length + j - i) * scene.dt)
+            for i in ends for j in ends if onset + i > 0 and length + j - i >= MIN_PULSE
+            and onset + length + j <= len(scene.y)])
     near = np.flatnonzero(mass > 1e-4 * mass.max())
     low, high = found.psi[max(near[0] - 1, 0)], found.psi[
         min(near[-1] + 1, len(found.psi) - 1)]

@@ -1,0 +1,184 @@
+"""Real recordings: what a diagnosis says of a recording beside itself, beside another
+run of the same sensor, and of effects that are put into it.
+
+The recordings are not part of the project. They are looked for in shared/data/real
+beside it (see the README there); without them there is no figure. Stretches are of
+4000 samples of an ADIS16405, six axes at 100 Hz; the simulator is known by a stretch of
+run 1 alone. `python -m figures real` goes on where it was interrupted.
+"""
+
+import pathlib
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import figures
+import sensorlab
+from figures import save, withheld
+
+REAL = pathlib.Path(__file__).parents[2] / "shared" / "data" / "real"
+SEED, N, DT = 16405, 4000, 0.01
+AXES = [(kind, axis) for kind in ("gyro", "accel") for axis in range(3)]
+NATS = 15.0, 30.0, 100.0
+SIMULATORS, RECORDS = 200000, (240000, 600000)    # first samples of the stretches
+
+
+def stretch(run, kind, axis, first):
+    with np.load(REAL / f"adis16405_run{run}.npz") as z:
+        counts = z[f"{kind}_counts"][axis, first:first + N]
+        return counts * float(z[f"{kind}_lsb"])
+
+
+# ---- effects, as shapes of unit size
+
+def line(rng, t):
+    return np.sin(2.0 * np.pi * rng.uniform(2.0, 40.0) * t + rng.uniform(0.0, 6.0)), {}
+
+
+def step(rng, t):
+    return (t > rng.uniform(0.2, 0.8) * t[-1]).astype(float), {}
+
+
+def ramp(rng, t):
+    return t, {}
+
+
+def transient(rng, t):
+    return np.exp(-t / rng.uniform(1.0, 8.0)), {}
+
+
+def heat(rng, t):
+    T = 25.0 + np.sin(2.0 * np.pi * t / rng.uniform(10.0, 30.0) + rng.uniform(0.0, 6.0))
+    return T - T.mean(), dict(temperature=T)
+
+
+def spikes(rng, t):
+    return (rng.random(N) < 0.003) * rng.standard_normal(N), {}
+
+
+def levels(rng, t):
+    change = rng.random(N) < DT / rng.uniform(0.5, 4.0)
+    return np.cumsum(change) % 2.0, {}
+
+
+def slow_noise(rng, t):
+    a, x = np.exp(-DT / rng.uniform(0.2, 1.0)), np.zeros(N)
+    w = rng.standard_normal(N)
+    for i in range(1, N):
+        x[i] = a * x[i - 1] + w[i]
+    return x, {}
+
+
+SHAPES = dict(sinusoid=line, bias_step=step, rate_ramp=ramp, turn_on_transient=transient,
+              temperature=heat, outliers=spikes, random_telegraph=levels,
+              correlated_noise=slow_noise)
+
+
+def nats(shape, clean, lags=32):
+    """s' C^-1 s / 2 of a shape, C from a regression of the clean record on the past."""
+    y, s = clean - clean.mean(), shape - shape.mean()
+    back = np.column_stack([np.roll(y, k)[lags:] for k in range(1, lags + 1)])
+    c, *_ = np.linalg.lstsq(back, y[lags:])
+    variance = np.mean((y[lags:] - back @ c)**2)
+    white = s[lags:] - np.column_stack(
+        [np.roll(s, k)[lags:] for k in range(1, lags + 1)]) @ c
+    return 0.5 * np.sum(white**2) / variance
+
+
+def cases():
+    """(what, name, axis number, run, first sample, nats) of every diagnosis."""
+    for number in range(len(AXES)):
+        yield "itself", "", number, 1, SIMULATORS, 0.0
+        for run in (1, 2, 3):
+            for first in RECORDS:
+                yield "untouched", "", number, run, first, 0.0
+        yield "decoy", "", number, 2, RECORDS[0], 0.0
+    for k, name in enumerate(SHAPES):
+        for j, size in enumerate(NATS):
+            yield "injected", name, (k + j) % len(AXES), 2, RECORDS[j % 2], size
+
+
+def record(what, name, number, run, first, size, rng):
+    """Record and columns of a case."""
+    y, t = stretch(run, *AXES[number], first), DT * np.arange(N)
+    if what == "decoy":
+        return y, heat(rng, t)[1]
+    if what != "injected":
+        return y, {}
+    shape, columns = SHAPES[name](rng, t)
+    return y + np.sqrt(size / nats(shape, y)) * shape, columns
+
+
+def compute():
+    """{case: report}; reports made before are kept."""
+    kept, keep = figures.kept("real")
+    simulators, result, listed = {}, {}, list(cases())
+    if figures.size["trials"] < 500:
+        listed = listed[:1]
+    for done, case in enumerate(listed, 1):
+        key = " ".join(map(str, case))
+        if key not in kept:
+            own = stretch(1, *AXES[case[2]], SIMULATORS)
+            if case[2] not in simulators:
+                simulators[case[2]] = sensorlab.simulator_from(own[None], DT)
+            y, columns = record(*case, np.random.default_rng([SEED, done]))
+            d = sensorlab.diagnose(y, DT, simulators[case[2]], columns,
+                                   simulated=own[None])
+            keep(key, dict(verdict=d.verdict, closed=d.closure.closed,
+                           rest=d.remainder.share, p_value=d.after.p_value))
+        result[case] = kept[key]
+        if figures.size["progress"]:
+            figures.size["progress"](done, len(listed))
+    return result
+
+
+def right(case, one):
+    """Is a verdict what it should be? Of an untouched stretch nobody knows."""
+    what, name = case[:2]
+    said = one["verdict"].split("+")
+    if what == "itself":
+        return said == ["none"]
+    if what == "decoy":
+        return not {"temperature", "thermal_lag"} & set(" ".join(said).split())
+    return name in said
+
+
+def table(result):
+    lines = []
+    for what, size in (("itself", 0.0), ("decoy", 0.0), *(
+            ("injected", size) for size in NATS)):
+        own = [(c, one) for c, one in result.items() if c[0] == what and c[-1] == size]
+        if own:
+            k = sum(right(c, one) for c, one in own)
+            low, high = withheld.interval(k, len(own))
+            text = f"{what} {size:g} nats" if size else what
+            lines.append(f"{text:<20}{k:>3} of {len(own):<4}"
+                         f"[{100 * low:.0f}, {100 * high:.0f}] %")
+    lines += [f"{' '.join(map(str, c)):<44} {one['verdict']}"
+              for c, one in result.items()]
+    return "\n".join(lines)
+
+
+def draw(result):
+    own = [c for c in result if c[0] == "injected"]
+    fig, ax = plt.subplots()
+    for at, name in enumerate(SHAPES):
+        for c in own:
+            if c[1] == name:
+                ax.plot(c[-1], at, "o" if right(c, result[c]) else "x", color="tab:blue"
+                        if right(c, result[c]) else "tab:red", markersize=9)
+    ax.set_yticks(range(len(SHAPES)), list(SHAPES))
+    ax.set_xticks(NATS, [f"{size:g}" for size in NATS])
+    ax.set(xscale="log", xlabel="nats of the effect in a real stretch",
+           title="o: in the verdict, x: not")
+    ax.minorticks_off()
+    return fig
+
+
+def main():
+    if not REAL.is_dir():
+        print("real: the recordings are not beside this checkout: no figure")
+        return
+    result = compute()
+    print(table(result))
+    save(draw(result), "real")

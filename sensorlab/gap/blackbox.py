@@ -1,0 +1,75 @@
+"""A simulator that is known by its records alone.
+
+They are described as a real record is, and what the description leaves out of both is
+no gap: distances of a record count from those of the simulator's own.
+"""
+
+import numpy as np
+from scipy.stats import t as student
+
+from sensorid import Parameter, default_hypotheses
+from sensorlab.gap.account import account, fixed
+from sensorlab.gap.catalogue import snapped
+from sensorlab.gap.diagnosis import diagnose
+from sensorlab.gap.effects import Scene, Simulator
+
+MOST_RECORDS = 20    # that are described
+
+
+def simulator_from(records, dt, columns=None):
+    """`Simulator` that describes records of a black box.
+
+    Parameters
+    ----------
+    records : (L, N) array
+        u; NaN marks a missing sample.
+    dt : float
+        Sampling interval, s.
+    columns : dict of (N,) arrays, optional
+        What was recorded beside all of them.
+
+    Returns
+    -------
+    Simulator
+        Hypothesis and effects of the first record. A parameter has the range in which
+        that of a further record lies with 95 %: of its posterior where there is one
+        record, of Student's law of the posterior means where there are several.
+    """
+    records = np.atleast_2d(records)[:MOST_RECORDS]
+    first = diagnose(records[0], dt, default_hypotheses(records[0], dt), columns)
+    acc = first.final
+    means, sds = [acc.sample.mean], [acc.sample.sd()]
+    for y in records[1:]:
+        scene = Scene(snapped(y), dt, columns or {})
+        fit = account(scene, acc.bases[acc.best:acc.best + 1], [acc.member])
+        means.append(fit.sample.mean)
+        sds.append(fit.sample.sd())
+    ranges = _ranges(acc.member.parameters, np.array(means), np.array(sds))
+    base, count = acc.member.hypothesis, len(acc.member.hypothesis.parameters)
+    spread = np.nanmean(records, axis=1)
+    h = base._replace(parameters=ranges[:count], bias_sigma=float(np.sqrt(
+        np.mean(spread**2)) + np.nanstd(records[0])))
+    inside = iter(ranges[count:])
+    effects = [one._replace(values={symbol: next(inside) for symbol in one.values})
+               for one in acc.member.effects]
+    effects = [one for one in effects if not one.effect.reading]
+    for s in acc.signatures:    # of a size that may differ from run to run
+        size = s.found.effect.size
+        effects.append(s.found._replace(values={
+            **fixed(**s.found.values), size: Parameter(size, -s.sd, s.sd)}))
+    return Simulator((h,), ((*effects, *(r.found for r in acc.readings)),))
+
+
+def _ranges(parameters, means, sds):
+    """The parameters of a further record, from means and standard deviations (L, p)."""
+    L, result = len(means), []
+    for p, mean, sd in zip(parameters, means.T, sds.T):
+        within = np.sqrt(np.mean(sd**2))
+        half = 2.0 * within
+        if L > 1:    # what the posterior means scatter is of both kinds
+            half = max(half, student.ppf(0.975, L - 1) * np.sqrt(1.0 + 1.0 / L)
+                       * np.std(mean, ddof=1))
+        middle = float(np.mean(mean))
+        low = max(middle - half, 0.05 * middle) if middle > 0.0 else middle - half
+        result.append(Parameter(p.symbol, low, middle + half) if p.free else p)
+    return tuple(result)

@@ -1,0 +1,68 @@
+"""A flexible remainder: whatever colour and spread the normal scores of a filter have.
+
+What is left of a real record is never white. An effect that is named beside it must be
+needed even where it is described in any way that does not describe the effect itself.
+"""
+
+import numpy as np
+
+from sensorlab.gap.closure import standing_out
+
+NEEDED_NATS = 3.0    # that an effect must gain
+LAGS = 16      # samples before, on which a regression describes any colour
+SPANS = 32     # parts of the record, each with a spread of its own
+EVEN = 2.0     # standard errors by which a process must gain on average over SPANS
+MOST = 0.5     # share of the gap that jumps must close where it is widest
+
+
+def stays_needed(full, effect, without_it, with_it):
+    """Is an effect needed where what is left is coloured and uneven in any way? By two
+    gaps, to the account without and with it.
+
+    A process is no more than a colour: for it, only the spread may be uneven, but its
+    gain must be even. A change of noise is no more than an uneven spread: for it, there
+    may only be a colour. Jumps are one law among many: they must close most of the gap
+    where it is widest.
+    """
+    if effect.reading:
+        return True
+    process = effect.factor or effect.model and not effect.search
+    lags, spans = 0 if process else LAGS, 1 if effect.search and effect.model else SPANS
+    gain = _scores(with_it, lags, spans) - _scores(without_it, lags, spans)
+    if process:
+        parts = np.array([part.sum() for part in np.array_split(gain, SPANS)])
+        if parts.mean() < EVEN * parts.std(ddof=1) / np.sqrt(SPANS):
+            return False
+    if effect.jumps and _closed_at_worst(without_it, with_it) < MOST:
+        return False
+    # the best of as many places as it could be at gains that much by chance
+    searched = np.log(len(full.y)) if effect.search else 0.0
+    return bool(gain.sum() > NEEDED_NATS + searched)
+
+
+def _closed_at_worst(without_it, with_it):
+    """Share of the gap that is closed in the place where it is widest."""
+    out, places = standing_out(without_it), np.array(without_it.statistics.place)
+    if not out.any():
+        return 1.0
+    own = max((out & (places == place) for place in sorted(set(places[out]))),
+              key=without_it.rms)
+    return 1.0 - (with_it.rms(own) - 1.0) / (without_it.rms(own) - 1.0)
+
+
+def _scores(gap, lags, spans):
+    """Log score of every sample seen by a gap's filter, its normal scores described
+    flexibly, nats.
+    """
+    seen = np.flatnonzero(~np.isnan(gap.z))
+    z = np.nan_to_num(gap.z)
+    e = z
+    if lags:
+        back = np.column_stack([np.roll(z, k + 1) for k in range(lags)])
+        back[:lags] = 0.0
+        e = z - back @ np.linalg.lstsq(back[seen], z[seen])[0]
+    score = gap.log_score + 0.5 * z**2
+    for part in np.array_split(seen, spans):
+        variance = np.mean(e[part]**2) + 1e-12
+        score[part] -= 0.5 * (np.log(variance) + e[part]**2 / variance)
+    return score[seen]

@@ -1,0 +1,60 @@
+"""The remainder: what each effect that was found closes, what is left when all are
+added, and which of them are needed whatever that is.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sensorlab.gap.causes import without
+from sensorlab.gap.closure import standing_out
+from sensorlab.gap.flexible import stays_needed
+
+
+class Part(NamedTuple):
+    """What one of the effects that were found does."""
+
+    share: float    # of the gap, which comes back when it alone is taken out again
+    stays: bool     # is it needed where the remainder is described flexibly?
+
+
+class Remainder(NamedTuple):
+    """What is left of a gap when all that was found is added."""
+
+    share: float     # of the gap, over all that stands out before or after
+    p_value: float
+    where: int       # number of the statistic that stands out most; -1 if none does
+
+
+def remainder(before, after):
+    """`Remainder` of two gaps, to the simulator without and with the effects."""
+    late = standing_out(after)
+    out = standing_out(before) | late
+    if not out.any():
+        return Remainder(0.0, after.p_value, -1)
+    first, last = before.rms(out) - 1.0, after.rms(out) - 1.0
+    share = np.clip(last / max(first, last), 0.0, 1.0) if last > 0.0 else 0.0
+    where = int(np.abs(after.distance).argmax()) if late.any() else -1
+    return Remainder(float(share), after.p_value, where)
+
+
+TRIALS_WITHOUT = 60    # simulated records behind a share
+
+
+def parts(full, path, acc, closed, before, after, measured):
+    """`Part` of every effect of a path; `closed` is the `Closure` by all of them,
+    `measured` gives the `Gap` to an account.
+    """
+    if len(path.found) == 1:
+        share = np.clip(closed.closed, 0.0, 1.0)
+        return (Part(float(share), stays_needed(
+            full, path.found[0].effect, before, after)),)
+    out, result = standing_out(before), []
+    for number, one in enumerate(path.found):
+        less = without(full, acc, path.found, number)
+        gap = measured(less, TRIALS_WITHOUT, None)
+        share = (gap.rms(out) - after.rms(out)) / (before.rms(out) - 1.0) if (
+            out.any()) else (acc.log_evidence - less.log_evidence) / path.log_bayes
+        result.append(Part(float(np.clip(share, 0.0, 1.0)),
+                           stays_needed(full, one.effect, gap, after)))
+    return tuple(result)

@@ -1,0 +1,119 @@
+"""The search for a set of effects: one more at a time, and what is needless is dropped.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sensorid import brief
+from sensorlab.gap.account import Account
+from sensorlab.gap.causes import Cause, further_causes, without
+from sensorlab.gap.distance import Gap
+from sensorlab.gap.flexible import stays_needed
+from sensorlab.gap.readings import as_read
+
+MAX_EFFECTS = 6         # beside readings
+MAX_DOUBTFUL = 2        # one after another that may stand in for something unknown
+LOOK_ON = 0.2           # p-value from which on no second process is looked for
+
+
+class Search(NamedTuple):
+    """How far the search for effects has come."""
+
+    account: Account
+    path: Cause       # what has been found, with the probability of having gone there
+    leaves: dict      # name of a set of effects -> Cause: where the search could stop
+    after: Gap
+    left: float       # ln B of the best that is not added; 0 if nothing is for it
+
+    __repr__ = brief
+
+
+def search(full, start, readings, effects, before, measured, shared, tell):
+    """`Search` from an account with the readings of a record on, which are a `Cause`,
+    until nothing more is found.
+
+    `measured` gives the `Gap` to an account; `shared` tells whether the simulator's own
+    records show an effect, too: then it is described, but nothing that is missing.
+    """
+    scene, acc, path = as_read(full, start.readings), start, readings
+    looks, doubtful, leaves, after, left = 0, 0, {}, before, 0.0
+    if path.found:
+        after = measured(acc)
+    while (looks < MAX_EFFECTS and doubtful < MAX_DOUBTFUL
+           and not any(r.opaque for r in start.readings)):
+        looks += 1
+        # a process shows in the undirected statistics, if it is there; jumps may not
+        look = further_causes(scene, acc, effects,
+                              not path.found or after.p_value < LOOK_ON)
+        tell()
+        before_it, leaves = leaves, _with_leaves(leaves, path, look)
+        found = [c for c in look.causes if c.found]
+        left = max([0.0, *(c.log_bayes for c in found)])
+        if look.account is None:
+            return Search(acc, path, leaves, after, left)
+        if shared(found[0].found[0]):
+            acc, leaves = look.account, before_it
+            if found[0].found[0].effect.columns:    # those of the simulator come first
+                acc = acc._replace(signatures=(acc.signatures[-1],
+                                               *acc.signatures[:-1]))
+            continue
+        acc, path = look.account, _joined(path, found[0])
+        leaves.pop(path.effect)
+        acc, path, leaves = _without_needless(full, acc, path, leaves, look.prior)
+        last, after = after, measured(acc)
+        needed = stays_needed(full, path.found[-1].effect, last, after)
+        doubtful = 0 if needed else doubtful + 1
+    return Search(acc, path, {**leaves, path.effect: path}, after, left)
+
+
+def _without_needless(full, acc, path, leaves, prior):
+    """The account and the path without what was found before and is not needed beside
+    what is found now: what one effect seemed to be two others may explain.
+    """
+    for number, one in reversed(list(enumerate(path.found[:-1]))):
+        if one.effect.reading:
+            continue
+        less = without(full, acc, path.found, number)
+        log_odds = acc.log_evidence - less.log_evidence + prior
+        if log_odds < 0.0:
+            kept = 1.0 / (1.0 + np.exp(-log_odds))
+            whole, total = path, path.probability
+            path = Cause(path.found[:number] + path.found[number + 1:],
+                         (1.0 - kept) * total,
+                         path.log_bayes + less.log_evidence - acc.log_evidence)
+            leaves = {**leaves, whole.effect: whole._replace(probability=kept * total)}
+            leaves.pop(path.effect, None)
+            acc = less
+    return acc, path, leaves
+
+
+def _joined(path, cause):
+    """A set of effects and one more."""
+    return Cause(path.found + cause.found, path.probability * cause.probability,
+                 path.log_bayes + cause.log_bayes)
+
+
+def _with_leaves(leaves, path, look):
+    """The sets of effects where a search could stop, after one more look.
+
+    Rivals of what is found now lack it as much as the account did to which it is added,
+    unless it is theirs.
+    """
+    result = dict(leaves)
+    if look.account is not None:
+        alone = next(c.probability for c in look.causes if not c.found)
+        best = next(c for c in look.causes if c.found)
+        result = {}
+        for one in leaves.values():
+            result[one.effect] = one._replace(probability=alone * one.probability)
+            if one.found and best.effect not in one.effects:
+                both = Cause(one.found + best.found, (1.0 - alone) * one.probability,
+                             one.log_bayes + best.log_bayes)
+                result[both.effect] = both
+    for cause in look.causes:
+        one = _joined(path, cause)
+        if (one.effect not in result
+                or result[one.effect].probability < one.probability):
+            result[one.effect] = one
+    return result

@@ -1,0 +1,101 @@
+"""The verdict: what is found, and whether something more is left."""
+
+import numpy as np
+
+from sensorlab.gap.causes import UNKNOWN, Cause
+from sensorlab.gap.effects import Found
+
+PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
+MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
+SLIGHT = 0.05           # share of the gap that is not worth a word
+SURE = 0.5              # what is named is more probable than not
+RARE = 0.1              # a member of a family that is not worth a word
+
+
+def unknown_probability(p_value):
+    """That something is still missing, from the p-value of what is left.
+
+    -ln p is exponential: of mean 1 where nothing is missing, of mean MISSING_NATS
+    where something is (T. Sellke, M. Bayarri, J. Berger, "Calibration of p values",
+    Am. Stat. 55, 2001).
+    """
+    log_odds = (np.log(PRIOR_UNKNOWN / (1.0 - PRIOR_UNKNOWN) / MISSING_NATS)
+                - (1.0 - 1.0 / MISSING_NATS) * np.log(p_value))
+    return float(1.0 / (1.0 + np.exp(-log_odds)))
+
+
+def all_causes(search, start, before, rest, staying):
+    """All sets of effects, none among them, each alone and beside something unknown;
+    most probable first.
+
+    `rest` is the `Remainder` of the search, `staying` what of its path stays needed
+    where the rest is described flexibly: more is not named beside unknown.
+    """
+    # what stands out only beside an added effect speaks against that effect
+    unknown = unknown_probability(max(before.p_value, search.after.p_value))
+    if any(r.opaque for r in start.readings) or rest.share < SLIGHT:
+        unknown = min(unknown, PRIOR_UNKNOWN / MISSING_NATS)
+    total, chance = sum(c.probability for c in search.leaves.values()), {}
+    for c in search.leaves.values():
+        lost = [one for one in search.path.found if one not in staying]
+        beside = tuple(one for one in c.found if one in staying or not lost)
+        for one, part in ((c, 1.0 - unknown), (c._replace(
+                found=(*beside, Found(UNKNOWN))), unknown)):
+            part *= c.probability / total
+            known = chance.get(one.effect, one._replace(probability=0.0))
+            chance[one.effect] = known._replace(
+                probability=float(known.probability + part))
+    for c in (Cause((), 0.0, 0.0), Cause((Found(UNKNOWN),), 0.0, 0.0)):
+        chance.setdefault(c.effect, c)
+    return tuple(sorted(chance.values(), key=lambda c: -c.probability))
+
+
+def present(causes):
+    """Probability of every effect, in whatever company; of `none` that it is alone."""
+    result = {}
+    for c in causes:
+        for effect in dict.fromkeys(c.effects or ("none",)):
+            result[effect] = result.get(effect, 0.0) + c.probability
+    return result
+
+
+FAMILIES = (    # effects that a record may show to be one of them, but not which
+    ("temperature", "thermal_lag"), ("bias_step", "pulse"),
+    ("rate_ramp", "second_order_drift", "turn_on_transient"),
+    ("correlated_noise", "bias_instability", "random_telegraph"))
+
+
+def split_families(causes):
+    """(members, probability that any is there) of every family of which no member, but
+    one or the other, is more probable than not.
+    """
+    chance, result = present(causes), []
+    for family in FAMILIES:
+        members = sorted((e for e in family if chance.get(e, 0.0) >= RARE),
+                         key=lambda e: -chance[e])
+        total = sum(c.probability for c in causes if set(c.effects) & set(family))
+        if len(members) > 1 and total >= SURE > chance[members[0]]:
+            result.append((tuple(members), total))
+    return result
+
+
+def verdict_of(causes):
+    """The first cause if it is more probable than not, or else every effect that is, in
+    whatever company (the median probability model; M. Barbieri, J. Berger, "Optimal
+    predictive model selection", Ann. Stat. 32, 2004), and every family that is.
+    """
+    if causes[0].probability >= SURE:
+        return causes[0].effect
+    sure = [e for e, p in present(causes).items() if p >= SURE]
+    split = [" or ".join(members) for members, _ in split_families(causes)]
+    return "+".join([*(e for e in sure if e != "unknown"), *split,
+                     *(e for e in sure if e == "unknown")]) or "undecided"
+
+
+def needed_duration(causes, scene):
+    """Record length, s, at which the two best causes would be told apart, if their log
+    odds grew as they did.
+    """
+    first, second = (c.probability for c in causes[:2])
+    odds = max(np.log(first / max(second, 1e-12)), 0.5)
+    return float(scene.duration * max(3.0 / odds, 1.0))

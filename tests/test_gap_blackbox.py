@@ -1,0 +1,49 @@
+"""A simulator that is known by its records."""
+
+import numpy as np
+import pytest
+from conftest import DT
+
+import sensorlab
+
+
+def sensor(rng, n=2000, sigma=0.5):
+    """Rounded, with a line, a slow process and white noise."""
+    t, x = np.arange(n), np.zeros(n)
+    w = 0.05 * rng.standard_normal(n)
+    for i in range(1, n):
+        x[i] = 0.98 * x[i - 1] + w[i]
+    y = x + sigma * rng.standard_normal(n) + 0.3 * np.sin(0.9 * t + rng.uniform(0, 6))
+    return 0.25 * np.round(y / 0.25)
+
+
+@pytest.fixture(scope="module")
+def known():
+    y = sensor(np.random.default_rng(5))
+    return y, sensorlab.simulator_from(y[None], DT)
+
+
+def test_a_record_beside_itself_has_no_gap(known):
+    y, simulator = known
+    assert "quantization" in [one.name for one in simulator.effects[0]]
+    d = sensorlab.diagnose(y, DT, simulator, simulated=y[None])
+    assert d.verdict == "none" and d.before.p_value > 0.99
+
+
+def test_what_both_have_is_no_gap_and_what_one_has_is(known):
+    y, simulator = known
+    other = sensor(np.random.default_rng(6))
+    assert sensorlab.diagnose(other, DT, simulator, simulated=y[None]).verdict in (
+        "none", "undecided")
+    other[900:] += 1.0
+    assert "bias_step" in sensorlab.diagnose(other, DT, simulator, simulated=y[None]
+                                             ).verdict.split("+")
+
+
+def test_few_records_tell_how_wide_their_parameters_spread():
+    rng = np.random.default_rng(7)
+    y = np.array([sigma * rng.standard_normal(500) for sigma in (0.8, 1.0, 1.2)])
+    (h,) = sensorlab.simulator_from(y, DT).hypotheses
+    (p,) = [p for p in h.parameters if p.symbol == "sigma_v"]
+    # Student's law of two degrees of freedom: 1 -+ 4.3 sqrt(4 / 3) 0.2
+    assert p.low < 0.3 and 1.7 < p.high < 2.4

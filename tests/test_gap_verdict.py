@@ -1,0 +1,51 @@
+"""What is said, from the probabilities of all sets of effects."""
+
+import pytest
+
+import sensorlab
+from sensorlab import Found
+from sensorlab.gap import causes
+from sensorlab.gap.verdict import split_families, unknown_probability, verdict_of
+
+EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
+
+
+def sets(**probability):
+    return [causes.Cause(tuple(Found(EFFECTS[name]) for name in effect.split("_and_")
+                               if name != "none"), p, 0.0)
+            for effect, p in probability.items()]
+
+
+def verdict(**probability):
+    return verdict_of(sets(**probability))
+
+
+def test_what_is_in_most_of_the_probable_sets_is_named():
+    assert verdict(outliers=0.6, none=0.4) == "outliers"
+    assert verdict(outliers=0.45, outliers_and_sinusoid=0.4, none=0.15) == "outliers"
+    assert verdict(sinusoid_and_sinusoid=0.5, unknown=0.3, sinusoid=0.2
+                   ) == "sinusoid+sinusoid"
+    assert verdict(sinusoid_and_sinusoid=0.45, sinusoid=0.35, none=0.2) == "sinusoid"
+    assert verdict(bandwidth=0.4, outliers=0.35, none=0.25) == "undecided"
+    assert verdict(unknown=0.45, outliers=0.35, none=0.2) == "undecided"
+
+
+def test_what_is_left_stands_beside_what_is_found():
+    assert verdict(sinusoid_and_unknown=0.9, sinusoid=0.1) == "sinusoid+unknown"
+    assert verdict(unknown=0.3, sinusoid_and_unknown=0.4, sinusoid=0.3
+                   ) == "sinusoid+unknown"
+
+
+def test_a_family_is_named_where_its_members_split_it():
+    one = dict(thermal_lag=0.45, temperature=0.3, none=0.25)
+    assert verdict(**one) == "thermal_lag or temperature"
+    ((members, total),) = split_families(sets(**one))
+    assert members == ("thermal_lag", "temperature") and total == pytest.approx(0.75)
+    assert verdict(outliers_and_temperature=0.4, outliers_and_thermal_lag=0.3,
+                   outliers=0.3) == "outliers+temperature or thermal_lag"
+    assert verdict(temperature=0.4, thermal_lag=0.05, none=0.55) == "none"
+
+
+def test_a_small_p_value_makes_something_unknown_probable():
+    chance = [unknown_probability(p) for p in (1.0, 0.05, 1e-3, 1e-9)]
+    assert chance == sorted(chance) and chance[0] < 0.02 and chance[-1] > 0.999
