@@ -268,13 +268,18 @@ def _spectral_scores(h, scene, theta, solved, keep):
     return Scores(frequency, square / J, np.sqrt(square) / J, 1.0 / np.sqrt(J), 2)
 
 
-DURATION_STEP = 1.6                       # ratio of one duration of a pulse to the next
-KNOTS = 0.0, 0.02, 0.1, 0.5, 1.0          # of all onsets, where the information of a
-                                          # pulse is exact; it is smooth between them
+DURATION_STEP = 1.6    # ratio of one duration of a pulse to the next
+KNOTS = 0.0, 0.05, 0.3, 0.7, 0.95, 1.0    # of all onsets, where the information of a
+                                          # pulse is exact
+LIKELY = 32            # pulses whose information is exact wherever they are
 
 
 def _pulse_scores(h, scene, family, theta, solved):
-    """Pulses of any duration, which begin an eighth of it apart at most."""
+    """Pulses of any duration, which begin an eighth of it apart at most.
+
+    Between two knots their information is taken to be the larger of both, so that no
+    gain is too large; that of the likely ones is exact.
+    """
     N = len(scene.y)
     lengths = np.unique(np.round(np.exp(np.arange(
         np.log(MIN_PULSE), np.log(N / 2.0), np.log(DURATION_STEP)))).astype(int))
@@ -285,19 +290,21 @@ def _pulse_scores(h, scene, family, theta, solved):
     squares = np.split(quadratic(h, scene, exact.columns, theta)[..., 0, 0],
                        np.cumsum([len(at) for at in knots])[:-1], axis=1)
     number = np.cumsum(np.pad(solved.residual, ((0, 0), (1, 0))), axis=1)
-    cross = np.cumsum(np.pad(solved.w, ((0, 0), (0, 0), (1, 0))), axis=2)
     psi, score, information = [], [], []
     for n, at, square in zip(lengths, knots, squares):
         first = np.arange(1, N - n, max(n // 8, 1))
-        inside = cross[:, :, first + n] - cross[:, :, first]
-        J = np.array([np.interp(first, at, one) for one in square])
-        least = 1e-6 * J + 1e-300
-        J = J - np.einsum("mci, mcd, mdi -> mi", inside, solved.cov, inside)
-        information.append(np.maximum(J, least))
+        after = np.searchsorted(at, first).clip(1, len(at) - 1)
+        information.append(np.maximum(square[:, after], square[:, after - 1]))
         score.append(number[:, first + n] - number[:, first])
         psi.append(np.column_stack([first, np.full(len(first), n)]) * scene.dt)
-    J, size = np.hstack(information), np.hstack(score) / np.hstack(information)
-    return Scores(np.vstack(psi), size * size * J, size, 1.0 / np.sqrt(J), 1)
+    J = np.maximum(np.hstack(information), 1e-300)
+    size, psi = np.hstack(score) / J, np.vstack(psi)
+    gain, sd = size * size * J, 1.0 / np.sqrt(J)
+    likely = np.argsort(-gain.mean(0), kind="stable")[:LIKELY]
+    part = explicit(scene, family.effect, family.column, map(tuple, psi[likely]))
+    found = explicit_scores(part, quadratic(h, scene, part.columns, theta), solved)
+    gain[:, likely], size[:, likely], sd[:, likely] = found.gain, found.size, found.sd
+    return Scores(psi, gain, size, sd, 1)
 
 
 SEARCHES = dict(onset=_onset_scores, frequency=_frequency_scores, pulse=_pulse_scores)
