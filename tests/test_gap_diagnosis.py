@@ -214,7 +214,21 @@ def test_bad_input_is_named(y, columns, message):
 def test_a_hypothesis_that_is_no_sum_of_processes_is_refused():
     h = sensorid.hypothesis("rate_ramp", slope=(-1e-3, 1e-3), sigma_v=0.5)
     with pytest.raises(ValueError, match="no sum of independent"):
-        sensorlab.diagnose(np.random.default_rng(0).standard_normal(200), DT, [h])
+        sensorlab.diagnose(np.random.default_rng(0).standard_normal(200), DT,
+                           [h, *MODEL])
+
+
+def test_a_simulator_with_a_ramp_needs_no_further_one():
+    rng = np.random.default_rng(0)
+    y = 0.5 * rng.standard_normal(2000) + 8e-3 * np.arange(2000)
+    flat = [sensorid.hypothesis("random_walk", sigma_w=0.01, sigma_v=0.5)]
+    ramp = [sensorid.hypothesis("rate_ramp", slope=(-1e-2, 1e-2), sigma_w=0.01,
+                                sigma_v=0.5)]
+    assert sensorlab.diagnose(y, DT, flat).verdict == "rate_ramp"
+    d = sensorlab.diagnose(y, DT, ramp)
+    assert d.verdict == "none"
+    (slope,) = [one.values["slope"].mean for one in sensorlab.augmented(d).effects[0]]
+    assert slope == pytest.approx(8e-3, rel=0.1)
 
 
 def test_nothing_to_look_for_and_many_columns_to_look_at():

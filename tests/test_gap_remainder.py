@@ -54,6 +54,7 @@ def test_a_simulator_may_round_and_the_loop_closes():
                                + 0.5 * rng.standard_normal(n)) / 0.4)
     d = sensorlab.diagnose(rounded(), DT, MODEL)
     assert d.verdict == "quantization"
+    assert d.by_any < 0.9 * d.closure.closed    # no noise repeats values
     again = sensorlab.diagnose(rounded(), DT, sensorlab.augmented(d))
     assert again.verdict in ("none", "undecided", "wrong_parameter")
     assert not again.found or again.found[0].name == "wrong_parameter"

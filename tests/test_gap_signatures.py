@@ -28,6 +28,25 @@ def test_gain_of_a_sinusoid_is_that_of_least_squares():
                         rtol=1e-6 if i < 60 else 0.04)
 
 
+def test_no_pulse_gains_more_than_by_least_squares():
+    y = sensorid.simulate(MODEL[1:], DT, 400, seed=4).error[0]
+    scene, theta = Scene(y, DT, {}), np.array([[300.0, 0.9, 0.4]])
+    h = member(scene, MODEL[1])
+    solved = filters.solve(h, scene, (), theta)
+    found = signatures.scores(h, scene, signatures.Family(CATALOGUE["pulse"], ""),
+                              theta, solved)
+    inverse = np.linalg.inv(dense(theta[0], 400))
+    likely = found.gain[0].argsort()[-signatures.LIKELY:]
+    for i in [*np.random.default_rng(0).integers(0, len(found.psi), 20), *likely]:
+        onset, duration = found.psi[i]
+        s = ((scene.time >= onset) & (scene.time < onset + duration)).astype(float)
+        b, J = s @ inverse @ y, s @ inverse @ s
+        assert_allclose(found.size[0, i] / found.sd[0, i]**2, b, rtol=1e-8)
+        assert 0.5 < found.gain[0, i] / (b * b / J) < 1.0 + 1e-8
+        if i in likely:
+            assert_allclose(found.gain[0, i], b * b / J, rtol=1e-8)
+
+
 def test_bayes_factor_of_a_size_is_the_integral_over_it():
     z, k = 3.0, np.arange(1, len(signatures.SIZES) + 1)
     by_hand = np.average([quadrature.quad(

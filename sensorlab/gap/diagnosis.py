@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import Parameter, brief, simulate
+from sensorid import Parameter, brief, random_walk, rate_ramp, simulate
 from sensorlab.gap.account import Account, account, as_simulated, fixed
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
@@ -14,8 +14,9 @@ from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
 from sensorlab.gap.distance import TRIALS, Gap, distance
 from sensorlab.gap.drift import drift
 from sensorlab.gap.effects import (
-    BLOCK, Scene, Simulator, columns_of, members, psi_of, signature_of)
+    BLOCK, Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
 from sensorlab.gap.filters import Signature
+from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.readings import Reading, as_read, readings
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import MAX_EFFECTS, search
@@ -41,6 +42,7 @@ class Diagnosis(NamedTuple):
     after: Gap
     closure: Closure         # how far the gap shrinks
     directed: bool           # is that along the filter of what was found? else by place
+    by_any: float            # fraction that noise of any colour and spread would close
     remainder: Remainder     # what is left
     drift: tuple             # of Drift: the error integrated over horizons
     nats_per_sample: float   # gain of the one-step-ahead log score
@@ -127,7 +129,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     more = final.signatures or len(final.member.effects) > len(start.member.effects)
     result = Diagnosis(
         full, verdict, causes, known, base, final, path.found, closes, before, after,
-        closed, directed, rest,
+        closed, directed, closed_by_any(before), rest,
         drift(full, [as_simulated(acc, full, gap.theta) for acc, gap in (
             (base, before), (final, after))], seed),
         float((final.log_evidence - start.log_evidence) / seen),
@@ -179,6 +181,8 @@ def _simulator(simulator):
         simulator = Simulator(tuple(simulator))
     if not simulator.hypotheses:
         raise ValueError("a simulator without a hypothesis: at least one is needed")
+    if all(h.model is rate_ramp for h in simulator.hypotheses):
+        simulator = _with_ramps_as_effects(simulator)
     sets = [effects for _, effects in simulator.pairs]
     if any(other != sets[0] for other in sets):
         raise ValueError("the hypotheses of the simulator have different effects: "
@@ -190,6 +194,17 @@ def _simulator(simulator):
             raise ValueError(f"{one.name} of the simulator has a range: "
                              "diagnose needs a number for all but its size")
     return simulator
+
+
+def _with_ramps_as_effects(simulator):
+    """Ramps with a walk, as walks with the effect of a ramp: a slope is a constant."""
+    effect, pairs = CATALOGUE["rate_ramp"], []
+    for h, effects in simulator.pairs:
+        slope, *others = h.parameters
+        pairs.append((
+            h._replace(model=random_walk, parameters=tuple(others)),
+            (*effects, Found(effect, values={effect.size: slope}))))
+    return Simulator(*map(tuple, zip(*pairs)))
 
 
 def _without_known(simulator, raw):

@@ -249,6 +249,14 @@ class _Ruler(NamedTuple):
         T = np.where(self.usable, T, 0.0) - s @ self.slope
         return np.clip((T - self.mean) / self.sd, -1e3, 1e3)
 
+    def distances_of(self, z):
+        """Distances (S,) of the real record if its normal scores were z (N,)."""
+        setting = self.fit.setting
+        first = setting.first
+        stats = statistics(z[None, first:], setting.scene.y[None, first:], setting.late,
+                           self.white)
+        return self.distances(stats.value, self.middle[None])[0]
+
     def measured(self, read):
         """Distances (R, S) of records as they are read."""
         setting = self.fit.setting

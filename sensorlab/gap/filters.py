@@ -41,7 +41,8 @@ def processes(h, scene, theta):
     own = modes(bank(h, scene.dt, theta))
     if own is None:
         raise ValueError(f"{h.name} is no sum of independent one-state processes: "
-                         "only such hypotheses can be diagnosed")
+                         "only such hypotheses can be diagnosed; give a ramp as an "
+                         "effect of a random walk")
     return own
 
 

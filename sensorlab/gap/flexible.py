@@ -50,19 +50,41 @@ def _closed_at_worst(without_it, with_it):
     return 1.0 - (with_it.rms(own) - 1.0) / (without_it.rms(own) - 1.0)
 
 
+def closed_by_any(gap):
+    """Fraction of a gap that noise of any colour and spread would close, without a name
+    for it; NaN where nothing of the filter's residuals stands out.
+    """
+    out = standing_out(gap) & (np.array(gap.statistics.place) != "averaging_time")
+    if not out.any():
+        return np.nan
+    seen, e, variance = _described(gap, LAGS, SPANS)
+    z = np.full(len(gap.z), np.nan)
+    z[seen] = e / np.sqrt(variance)
+    d = gap.ruler.distances_of(z)
+    last = np.sqrt(np.mean(d[out]**2)) - 1.0
+    return float(np.clip(1.0 - last / (gap.rms(out) - 1.0), 0.0, 1.0))
+
+
 def _scores(gap, lags, spans):
     """Log score of every sample seen by a gap's filter, its normal scores described
     flexibly, nats.
     """
+    seen, e, variance = _described(gap, lags, spans)
+    return (gap.log_score + 0.5 * gap.z**2)[seen] - 0.5 * (
+        np.log(variance) + e**2 / variance)
+
+
+def _described(gap, lags, spans):
+    """Samples seen by a gap's filter, what a regression on the scores before leaves of
+    theirs, and its variance in every span.
+    """
     seen = np.flatnonzero(~np.isnan(gap.z))
     z = np.nan_to_num(gap.z)
-    e = z
+    e = z[seen]
     if lags:
         back = np.column_stack([np.roll(z, k + 1) for k in range(lags)])
         back[:lags] = 0.0
-        e = z - back @ np.linalg.lstsq(back[seen], z[seen])[0]
-    score = gap.log_score + 0.5 * z**2
-    for part in np.array_split(seen, spans):
-        variance = np.mean(e[part]**2) + 1e-12
-        score[part] -= 0.5 * (np.log(variance) + e[part]**2 / variance)
-    return score[seen]
+        e = e - back[seen] @ np.linalg.lstsq(back[seen], e)[0]
+    variance = np.concatenate([np.full(len(part), np.mean(part**2) + 1e-12)
+                               for part in np.array_split(e, spans) if len(part)])
+    return seen, e, variance

@@ -38,7 +38,7 @@ def report(d, record):
         verdict=d.verdict,
         gap=dict(p_value=d.before.p_value, residual_p_value=d.after.p_value,
                  **_closure(d.closure), along_the_filter=d.directed,
-                 nats_per_sample=d.nats_per_sample,
+                 closed_by_any_noise=d.by_any, nats_per_sample=d.nats_per_sample,
                  remainder=dict(share=d.remainder.share, p_value=d.remainder.p_value,
                                 where=_place(s, d.remainder.where)),
                  drift=[one._asdict() for one in d.drift],
@@ -181,6 +181,9 @@ def _closed(d, unit):
                + ", as the effect itself shows it" * d.directed
                + f", {d.nats_per_sample:.2g} nats a sample; left: p = "
                f"{d.after.p_value:.2g}, {100 * d.remainder.share:.0f} % of the gap")
+        if np.isfinite(d.by_any):
+            yield (f"noise of any colour and spread would close {100 * d.by_any:.0f} %:"
+                   " to close a gap does not prove the name")
     if len(d.found) > 1:
         yield "each of them, taken out again, opens: " + ", ".join(
             f"{one.name} {100 * part.share:.0f} %"

@@ -271,11 +271,12 @@ def _spectral_scores(h, scene, theta, solved, keep):
 DURATION_STEP = 1.6    # ratio of one duration of a pulse to the next
 KNOTS = 0.0, 0.05, 0.3, 0.7, 0.95, 1.0    # of all onsets, where the information of a
                                           # pulse is exact
+PARTS = 4              # of its duration, by which onsets are apart
 LIKELY = 32            # pulses whose information is exact wherever they are
 
 
 def _pulse_scores(h, scene, family, theta, solved):
-    """Pulses of any duration, which begin an eighth of it apart at most.
+    """Pulses of any duration, which begin a fourth of it apart at most.
 
     Between two knots their information is taken to be the larger of both, so that no
     gain is too large; that of the likely ones is exact.
@@ -289,22 +290,41 @@ def _pulse_scores(h, scene, family, theta, solved):
         (i * scene.dt, n * scene.dt) for n, at in zip(lengths, knots) for i in at])
     squares = np.split(quadratic(h, scene, exact.columns, theta)[..., 0, 0],
                        np.cumsum([len(at) for at in knots])[:-1], axis=1)
-    number = np.cumsum(np.pad(solved.residual, ((0, 0), (1, 0))), axis=1)
-    psi, score, information = [], [], []
-    for n, at, square in zip(lengths, knots, squares):
-        first = np.arange(1, N - n, max(n // 8, 1))
-        after = np.searchsorted(at, first).clip(1, len(at) - 1)
-        information.append(np.maximum(square[:, after], square[:, after - 1]))
-        score.append(number[:, first + n] - number[:, first])
-        psi.append(np.column_stack([first, np.full(len(first), n)]) * scene.dt)
-    J = np.maximum(np.hstack(information), 1e-300)
-    size, psi = np.hstack(score) / J, np.vstack(psi)
-    gain, sd = size * size * J, 1.0 / np.sqrt(J)
+    onsets = [np.arange(1, N - n, max(n // PARTS, 1)) for n in lengths]
+    ends = np.cumsum([0, *map(len, onsets)])
+    psi = np.column_stack([np.concatenate(onsets), np.repeat(lengths, np.diff(ends))]
+                          ) * scene.dt
+    gain, size, sd = np.empty((3, len(theta), len(psi)))
+    for n, at, square, first, begin in zip(lengths, knots, squares, onsets, ends):
+        in_threads(_pulse_sizes, len(theta), solved.residual, n, at, square, first,
+                   begin, gain, size, sd)
     likely = np.argsort(-gain.mean(0), kind="stable")[:LIKELY]
     part = explicit(scene, family.effect, family.column, map(tuple, psi[likely]))
     found = explicit_scores(part, quadratic(h, scene, part.columns, theta), solved)
     gain[:, likely], size[:, likely], sd[:, likely] = found.gain, found.size, found.sd
     return Scores(psi, gain, size, sd, 1)
+
+
+@njit(**KERNEL)
+def _pulse_sizes(first, last, residual, n, knots, square, onsets, begin, gain, size, sd):
+    """Gain, size and its standard error of pulses of n samples at some onsets, written
+    from number `begin` on; `square` (M, knots) is their information at the knots.
+    """
+    for node in range(first, last):
+        total, at, k = 0.0, 0, 1
+        for i in range(n):
+            total += residual[node, i]
+        for j in range(len(onsets)):
+            onset = onsets[j]
+            while at < onset:    # the sum over the pulse moves on
+                total += residual[node, at + n] - residual[node, at]
+                at += 1
+            while k < len(knots) - 1 and onset > knots[k]:
+                k += 1
+            J = max(square[node, k - 1], square[node, k], 1e-300)
+            gain[node, begin + j] = total * total / J
+            size[node, begin + j] = total / J
+            sd[node, begin + j] = 1.0 / np.sqrt(J)
 
 
 SEARCHES = dict(onset=_onset_scores, frequency=_frequency_scores, pulse=_pulse_scores)
