@@ -11,7 +11,7 @@ from sensorlab.gap.account import Account, account, as_simulated, fixed
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
-from sensorlab.gap.distance import TRIALS, Gap, distance
+from sensorlab.gap.distance import Gap, distance, enough_trials
 from sensorlab.gap.drift import drift
 from sensorlab.gap.effects import (
     BLOCK, Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
@@ -133,7 +133,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         drift(full, [as_simulated(acc, full, gap.theta) for acc, gap in (
             (base, before), (final, after))], seed),
         float((final.log_evidence - start.log_evidence) / seen),
-        held_out(full, start, final, trials or TRIALS // 2, seed + 2) if more or
+        held_out(full, start, final, trials or enough_trials(full) // 2, seed + 2) if more or
         final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis else None,
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
     tell(last=True)

@@ -11,7 +11,8 @@ import numpy as np
 from sensorid import brief, free_columns
 from sensorlab.gap.account import as_simulated, gaussian
 from sensorlab.gap.catalogue import quantize
-from sensorlab.gap.effects import BLOCK, Scene, Simulator, simulate_effects
+from sensorlab.gap.effects import (
+    BLOCK, LONG_RECORD, Scene, Simulator, simulate_effects)
 from sensorlab.gap.filters import filtered, predict
 from sensorlab.gap.places import PLACES, Statistics, probes, statistics
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
@@ -40,8 +41,15 @@ class Gap(NamedTuple):
         return float(np.sqrt(np.mean(self.distance[where]**2)))
 
 
-TRIALS = 199           # simulated records behind every p-value; half of them for a
-LONG_RECORD = 20000    # record of more samples than this
+TRIALS = 199    # simulated records behind every p-value
+FEWER = (LONG_RECORD, 2), (10 * LONG_RECORD, 5)    # samples from which on so many times
+                                                   # fewer must do
+
+
+def enough_trials(scene):
+    """Simulated records for a record of this length."""
+    return TRIALS // max(1, *(
+        part if len(scene.y) > samples else 1 for samples, part in FEWER))
 
 
 class _Setting(NamedTuple):
@@ -83,7 +91,7 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None):
     With `before`, the gap to another simulator, the simulated records are held against
     that one as well.
     """
-    trials = trials or (TRIALS if len(scene.y) <= LONG_RECORD else TRIALS // 2)
+    trials = trials or enough_trials(scene)
     setting = _setting(scene, acc, first)
     fit = _Refit(setting, [] if first else free_columns(acc.member.parameters))
     truth = fit.truth(seed)

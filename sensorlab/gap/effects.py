@@ -208,6 +208,7 @@ def members(simulator, scene):
         for h, effects in simulator.pairs)
 
 
+LONG_RECORD = 20000    # samples from which on fewer draws must do
 BLOCK = 10**6    # samples of simulated records that are worked on at a time: 100 MB
 
 

@@ -15,6 +15,7 @@ from scipy.stats import multivariate_t
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tempered
+from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import with_constants
 from sensorlab.gap.kernels import (
     ABREAST, KERNEL, groups, in_threads, predict_covariance, predict_state,
@@ -81,6 +82,13 @@ HOPELESS_NATS = 3.0       # below a rival: what the mean evidence would hardly n
 NOTHING = -1e100          # log-likelihood where a filter breaks down
 
 
+def enough_points(scene):
+    """Effective points at which the evidence of a record of this length is good enough:
+    of a long one, what differs differs by more.
+    """
+    return ENOUGH_POINTS / (1.0 if len(scene.y) <= LONG_RECORD else 2.0)
+
+
 class _Points(NamedTuple):
     """Points of a sample and what is known there."""
 
@@ -114,7 +122,7 @@ def _log_normal(x):
 
 
 def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
-              seed=0):
+              seed=0, enough=ENOUGH_POINTS):
     """Evidence and posterior sample by adaptive multiple importance sampling.
 
     Parameters
@@ -131,6 +139,8 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
     floor : float
         An evidence this low need not be known well.
     seed : int
+    enough : float
+        Effective points at which it is done.
 
     Returns
     -------
@@ -162,7 +172,7 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         effective = 1.0 / np.sum(normalized(points.total + log_weight)**2)
         found = effective >= 5.0 * (d + 1)
         below = floor - logsumexp(points.total + log_weight)
-        if effective >= ENOUGH_POINTS or found and below > HOPELESS_NATS or (
+        if effective >= enough or found and below > HOPELESS_NATS or (
                 attempt > CLIMB_AFTER + 1 and below > 3.0 * HOPELESS_NATS):
             break
         if attempt in (CLIMB_AFTER, CLIMB_AFTER + 1) and missed and not found:

@@ -13,12 +13,13 @@ from scipy.special import logsumexp
 
 from sensorid import JIT, brief, probabilities
 from sensorlab.gap.catalogue import CATALOGUE, MIN_CYCLES, MIN_PULSE
-from sensorlab.gap.effects import BLOCK, Effect, Found, columns_of, psi_of
-from sensorlab.gap.evidence import integrate, onset_law
+from sensorlab.gap.effects import (
+    BLOCK, LONG_RECORD, Effect, Found, columns_of, psi_of)
+from sensorlab.gap.evidence import enough_points, integrate, onset_law
 from sensorlab.gap.filters import Signature, polarized, processes, solve
 from sensorlab.gap.kernels import KERNEL, in_threads, row_products, spectrum
 
-NODE_BLOCK = 8 * BLOCK    # samples of one record at many nodes that are worked on at a
+NODE_BLOCK = 4 * BLOCK    # samples of one record at many nodes that are worked on at a
                           # time; few leave cores idle
 
 # ---- Bayes factor of a size
@@ -165,18 +166,29 @@ def scores(h, scene, family, theta, solved):
 def explicit_scores(family, squares, solved):
     """`Scores` of explicit signatures; squares (M, m, k, k) = s' C^-1 s."""
     m, k, N = family.columns.shape
-    flat = family.columns.reshape(-1, N)
+    number = row_products(solved.residual, family.columns.reshape(-1, N))
+    return _least_squares(family.psi, number.reshape(-1, m, k),
+                          _information(family, squares, solved))
+
+
+def _information(family, squares, solved):
+    """Information (M, m, k, k) of explicit signatures beside the known columns."""
+    m, k, N = family.columns.shape
     M, c = solved.w.shape[:2]
-    cross = row_products(solved.w.reshape(-1, N), flat).reshape(M, c, m, k)
-    J = squares - np.einsum("mcak,mcd,mdal->makl", cross, solved.cov, cross)
-    number = row_products(solved.residual, flat).reshape(-1, m, k)
+    cross = row_products(solved.w.reshape(-1, N), family.columns.reshape(-1, N)
+                         ).reshape(M, c, m, k)
+    return squares - np.einsum("mcak,mcd,mdal->makl", cross, solved.cov, cross)
+
+
+def _least_squares(psi, number, J):
+    """`Scores` from numbers s' C^-1 y (M, m, k) and informations (M, m, k, k)."""
+    k = number.shape[-1]
     if k == 1:
-        J = np.maximum(J[..., 0, 0], 1e-300)
-        number = number[..., 0]
-        return Scores(family.psi, number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
-    J += 1e-9 * np.trace(J, axis1=2, axis2=3)[..., None, None] * np.eye(k)
+        J, number = np.maximum(J[..., 0, 0], 1e-300), number[..., 0]
+        return Scores(psi, number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
+    J = J + 1e-9 * np.trace(J, axis1=2, axis2=3)[..., None, None] * np.eye(k)
     part = np.linalg.solve(J, number[..., None])[..., 0]
-    return Scores(family.psi, (number * part).sum(-1), np.sqrt((part**2).sum(-1)),
+    return Scores(psi, (number * part).sum(-1), np.sqrt((part**2).sum(-1)),
                   np.sqrt(k / np.trace(J, axis1=2, axis2=3)), k)
 
 
@@ -243,23 +255,39 @@ EXACT_CYCLES = 20    # in a record: below, its ends count, and the spectrum of a
 
 
 def _frequency_scores(h, scene, family, theta, solved):
-    """Exact ones below EXACT_CYCLES, by the spectrum above."""
-    low, split = [], EXACT_CYCLES * PADDING
-    frequency = np.fft.rfftfreq(PADDING * len(scene.y), scene.dt)[MIN_CYCLES * PADDING:]
-    slow = frequency[:split - MIN_CYCLES * PADDING]
-    for psi in np.array_split(slow, -(-len(slow) * len(scene.y) // BLOCK)):
+    """Of the information below EXACT_CYCLES, in a long record that of whole cycles and
+    between them by interpolation; above by the spectrum.
+    """
+    n, first, split = (PADDING * len(scene.y), MIN_CYCLES * PADDING,
+                       EXACT_CYCLES * PADDING)
+    frequency = np.fft.rfftfreq(n, scene.dt)[first:-PADDING]
+    line = np.fft.rfft(solved.residual, n)[:, first:-PADDING]
+    slow = slice(split - first)
+    number = np.stack([line[:, slow].real, -line[:, slow].imag], axis=-1)
+    exact = frequency[slow][::1 if len(scene.y) <= LONG_RECORD else PADDING]
+    exact = np.union1d(exact, frequency[slow][-1:])
+    J = []
+    for psi in np.array_split(exact, -(-len(exact) * len(scene.y) // BLOCK)):
         part = explicit(scene, family.effect, family.column, psi)
-        low.append(explicit_scores(part, quadratic(h, scene, part.columns, theta),
-                                   solved))
-    high = _spectral_scores(h, scene, theta, solved, slice(split, -PADDING))
-    return Scores(*(np.concatenate(part, -1) for part in zip(*(
-        s[:4] for s in (*low, high)))), 2)
+        J.append(_information(part, quadratic(h, scene, part.columns, theta), solved))
+    J = _interpolated(frequency[slow], exact, np.concatenate(J, axis=1))
+    fast = slice(split - first, None)
+    low = _least_squares(frequency[slow], number, J)
+    high = _spectral_scores(h, scene, theta, solved, frequency[fast], line[:, fast])
+    return Scores(*(np.concatenate(part, -1) for part in zip(low[:4], high[:4])), 2)
 
 
-def _spectral_scores(h, scene, theta, solved, keep):
-    n, own = PADDING * len(scene.y), processes(h, scene, theta)
-    frequency = np.fft.rfftfreq(n, scene.dt)[keep]
-    line = np.fft.rfft(solved.residual, n)[:, keep]
+def _interpolated(x, at, value):
+    """Values (M, len(x), ...) at x from those (M, len(at), ...) at some of them."""
+    if len(at) == len(x):
+        return value
+    k = np.searchsorted(at, x).clip(1, len(at) - 1)
+    share = ((x - at[k - 1]) / (at[k] - at[k - 1])).reshape(-1, 1, 1)
+    return (1.0 - share) * value[:, k - 1] + share * value[:, k]
+
+
+def _spectral_scores(h, scene, theta, solved, frequency, line):
+    own = processes(h, scene, theta)
     square = line.real**2 + line.imag**2
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
     J = np.empty_like(square)
@@ -269,8 +297,8 @@ def _spectral_scores(h, scene, theta, solved, keep):
 
 
 DURATION_STEP = 1.6    # ratio of one duration of a pulse to the next
-KNOTS = 0.0, 0.05, 0.3, 0.7, 0.95, 1.0    # of all onsets, where the information of a
-                                          # pulse is exact
+KNOTS = 0.0, 0.05, 0.5, 0.95, 1.0    # of all onsets, where the information of a pulse
+                                     # is exact
 PARTS = 4              # of its duration, by which onsets are apart
 LIKELY = 32            # pulses whose information is exact wherever they are
 
@@ -358,7 +386,7 @@ def family_evidence(h, scene, signatures, listed, guess=None, table=None):
             result.append(solved.base + mean_bayes(found.gain, table[found.k]))
         return np.column_stack(result)
     return integrate(log_likelihood, h.parameters, guess,
-                     onset_law(h, scene, signatures))
+                     onset_law(h, scene, signatures), enough=enough_points(scene))
 
 
 POSTERIOR_NODES = 24    # nodes that stand for a posterior
