@@ -23,11 +23,12 @@ class Reading(NamedTuple):
 
 COINCIDENCE = 23.0    # nats: what one repeated value in double precision is worth,
                       # about ln(1e10 distinguishable values in the noise)
+TAIL = 4              # values next to the last one, of which the fullest counts
 COARSE = 0.1          # of the white noise: a finer lattice is how a file was printed
 HIDDEN = 0.05         # of the samples: more clipped ones are not missing at random, as
-                      # the filters assume; nor is rounding by more than the noise a
-                      # white noise of its own (B. Widrow, I. Kollar, "Quantization
-                      # Noise", 2008)
+                      # the filters assume
+HIDING = 2.0          # of the white noise: a coarser lattice adds more than a further
+                      # white noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
 
 
 ROUNDING = 1e-9       # of the white noise: equal but for rounding
@@ -39,7 +40,7 @@ def readings(scene):
     """
     y, N = scene.y, len(scene.y)
     lsb, noise = lattice_and_noise(y)
-    limits, clipped = _clipped(y, lsb)
+    limits, clipped = _clipped(y, lsb, noise)
     spans, stuck = _stuck(y, lsb, noise, clipped)
     seen = []
     if clipped.any():
@@ -52,7 +53,7 @@ def readings(scene):
                             COINCIDENCE * float(stuck.sum()), stuck, False))
     if lsb > COARSE * noise:
         seen.append(Reading(_found("quantization", lsb=lsb), COINCIDENCE * N,
-                            np.zeros(N, bool), bool(lsb > noise)))
+                            np.zeros(N, bool), bool(lsb > HIDING * noise)))
     return tuple(seen)
 
 
@@ -66,7 +67,7 @@ def lattice_and_noise(y):
     return lsb, np.sqrt(max(np.mean(np.diff(seen)**2) / 2.0 - lsb**2 / 12.0, 0.0))
 
 
-def _clipped(y, lsb):
+def _clipped(y, lsb, noise):
     """Limits, infinite where there is none, and the samples (N,) that lie on one: the
     last value is met far more often than a tail allows.
     """
@@ -74,8 +75,11 @@ def _clipped(y, lsb):
     clipped, limits = np.zeros(len(y), bool), []
     for sign in (-1.0, 1.0):
         end = sign * np.max(sign * seen)
-        before = np.sum(np.abs(y - (end - sign * lsb)) < 0.5 * lsb)
-        full = np.sum(y == end) >= 3 + 2.0 * before + 6.0 * np.sqrt(before)
+        # on a lattice, a few far out may meet on one value: what is next to it counts
+        before = max(np.sum(np.abs(y - (end - sign * k * lsb)) < 0.5 * lsb)
+                     for k in range(1, TAIL + 1))
+        least = 3 if lsb < COARSE * noise else 3 * TAIL
+        full = np.sum(y == end) >= least + 2.0 * before + 6.0 * np.sqrt(before)
         limits.append(float(end) if full else sign * np.inf)
         clipped |= (y == end) & full
     return limits, clipped
