@@ -18,7 +18,7 @@ class Model(NamedTuple):
     dt: float    # s
     unit: str
     simulator: Simulator
-    posterior_of: str = ""    # the record that its ranges come from, "" if they are given
+    posterior_of: str = ""    # the record that its ranges come from, if one
 
 
 def read_model(file):

@@ -103,7 +103,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("criteria m.json --duration 50 --algorithms magic", "choose from slopes"),
     ("criteria m.json --duration 50 --target 0.1 --plot t.png", "goes with --design"),
     ("identify none.csv", "none.csv: no such file"),
-    ("identify r.npz --column nope", "no column 'nope' among error, dt"),
+    ("identify r.npz --column nope", "no column 'nope' among error"),
     ("identify r.npz --model none.json", "no such model file"),
     ("identify r.npz --dt -1", "sampling interval is -1.0 s"),
     ("identify r.npz --hypotheses sine", "unknown hypothesis 'sine'"),
@@ -117,11 +117,14 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify .", "no such file, but a folder"),
     ("criteria m.json --duration 1e300", "record less"),
     ("criteria m.json --duration 50 --checkpoint m.json", "a folder is needed"),
-    ("simulate m.json --samples 99999999999999 --out s.npz",
+    ("simulate m.json --samples 999999999 --records 999 --out s.npz",
      "too large for the memory"),
+    ("identify r.npz --dt 1 --resample", "--resample does nothing beside --dt"),
+    ("diagnose --effects --out d", "--out does nothing beside --effects"),
+    ("diagnose --effects --dt 1", "--dt goes with a record"),
+    ("simulate m.json --samples 9 --dt 1 --out s.npz", "--dt goes with --like"),
     ("criteria m.json --duration -5", "0 < dt <= duration"),
     ("criteria m.json --duration 50 --trials 1", "at least 16"),
-    ("simulate m.json --samples 0 --out s.npz", "at least 1"),
 ])
 def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, message):
     before = sorted(os.listdir())
@@ -131,13 +134,29 @@ def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, messag
     assert sorted(os.listdir()) == before
 
 
-@pytest.mark.parametrize("line", ["", "identify", "guess r.npz",
-                                  "simulate m.json --out s.npz",
-                                  "criteria m.json --duration long"])
-def test_a_bad_command_gets_one_line(folder, capsys, line):
+@pytest.mark.parametrize("line, message", [
+    ("", "required"), ("identify", "required"), ("guess r.npz", "invalid choice"),
+    ("simulate m.json --out s.npz", "one of the arguments --samples --like is required"),
+    ("criteria m.json --duration long", "invalid float"),
+    ("simulate m.json --samples 0 --out s.npz", "0 is not a whole number from 1"),
+    ("criteria m.json --duration 9 --trials 1e30", "1e30 is not a whole number"),
+    ("criteria m.json --duration 9 --trials " + 31 * "1", "is not a whole number"),
+    ("criteria m.json --duration 9 --seed -1", "--seed"),
+    ("identify r.npz --json=", "the name is empty: is a variable of the shell not set"),
+    ("identify r.npz --model=", "the name is empty"),
+    ("guess\x1b[2J", "guess\\x1b[2J")])
+def test_a_bad_command_gets_one_line(folder, capsys, line, message):
     with pytest.raises(SystemExit) as stop:
         main(line.split())
-    assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
+    error = capsys.readouterr().err
+    assert stop.value.code == 2 and error.count("\n") == 1 and message in error
+
+
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["--version"])
+    assert stop.value.code == 0
+    assert capsys.readouterr().out == f"sensorid {s.__version__}\n"
 
 
 def test_a_prior_that_excludes_the_truth_is_told(folder, capsys):

@@ -58,8 +58,10 @@ ROOMS = {    # of the laboratory; each takes only from those before it
     "sensorlab/gap": ["effects", "catalogue", "kernels", "filters", "evidence",
                       "signatures", "readings", "account", "causes", "places",
                       "distance", "closure", "diagnosis", "report"],
-    "sensorlab": ["gap", "rivals", "planning", "records", "modelfiles", "drawings",
-                  "commands"]}
+    "sensorlab/readers": ["clocks", "channels", "arrays", "text", "objects", "matlab",
+                          "parquet", "rosbag", "px4", "ardupilot", "apart"],
+    "sensorlab": ["printable", "gap", "rivals", "planning", "readers", "modelschema",
+                  "modelfiles", "drawings", "commands"]}
 
 
 def imported(file):
