@@ -179,6 +179,8 @@ def _clock(channel, resample):
                          f"{samples} samples of {channel.name}")
     if fitting:
         stamps = group.arrays[fitting[0]].ravel()
+        if fitting[0] in group.refused and stamps.dtype.kind == "f":
+            raise ValueError(group.refused[fitting[0]])
         clock = clocks.clock(printable(fitting[0]), stamps, resample)
         if own is not None and not abs(clock.dt - own) <= 0.01 * own:
             raise ValueError(f"{fitting[0]} says dt = {clock.dt:g} s, but the scalar "

@@ -95,7 +95,7 @@ def clock(name, time, resample=False):
         raise ValueError(f"{len(t)} samples, usually {usual:g} s apart, are spread "
                          f"over {t[-1]:g} s: cut the gap after sample {step.argmax()} "
                          "out")
-    found = (_with_gaps(t, step, usual) or _with_jitter(t) or _in_bursts(t, usual))
+    found = (_with_gaps(t, step, usual) or _with_jitter(t) or _in_bursts(t, step))
     if found is None and not resample:
         off = np.abs(step - usual)
         raise ValueError(f"the record is uneven: the step after sample {off.argmax()} "
@@ -125,12 +125,12 @@ def _with_jitter(t):
     return Clock(dt, f", off by up to {100 * off:.0f} % of it") if off <= 0.5 else None
 
 
-def _in_bursts(t, usual):
+def _in_bursts(t, step):
     """The clock at the mean rate if stamps are of the arrival of whole bursts, as on a
     serial port: most steps far below the mean, but never far off the mean rate.
     """
     i = np.arange(len(t))
-    dt = t[-1] / i[-1]
+    usual, dt = np.median(step), t[-1] / i[-1]
     off = np.abs(t - dt * i).max()
     if usual > 0.5 * dt or off > max(50.0 * dt, 1e-3 * t[-1]):
         return None
@@ -146,17 +146,17 @@ def in_seconds(name, time):
     """
     if time.dtype.kind not in "iufM":
         time = _dates(name, time)
-    if time.dtype.kind == "M":
-        bad = np.isnat(time)
-        time = time.astype("datetime64[ns]").astype(np.int64)
-        unit, scale, source = "ns", 1e-9, f"{name}, dates"
-    else:
-        bad = ~np.isfinite(time)
-        unit, scale = unit_of(name) or _plausible(time[~bad])
-        source = name if unit_of(name) or unit == "s" else f"{name}, taken as {unit}"
+    dates = time.dtype.kind == "M"
+    bad = np.isnat(time) if dates else ~np.isfinite(time)
     if bad.any():
         raise ValueError(f"time of sample {np.argmax(bad)} is {time[np.argmax(bad)]}: "
                          "a number is needed")
+    if dates:
+        time = time.astype("datetime64[ns]").astype(np.int64)
+        scale, source = 1e-9, f"{name}, dates"
+    else:
+        unit, scale = unit_of(name) or _plausible(time)
+        source = name if unit_of(name) or unit == "s" else f"{name}, taken as {unit}"
     if time.dtype.kind == "u":
         time = time.astype(np.int64)
     with np.errstate(over="ignore"):

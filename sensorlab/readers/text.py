@@ -78,7 +78,7 @@ class _Limited(io.BufferedReader):
     def _counted(self, part):
         self.left -= len(part)
         if self.left < 0:
-            raise ValueError(f"unpacks to more than {MAX_BYTES / 2**30:g} GiB")
+            raise ValueError(f"unpacks to more than {MAX_BYTES / 2**30:.3g} GiB")
         return part
 
 
@@ -166,19 +166,23 @@ def _table(file, dialect):
 
 
 def _column(file, dialect, name, x):
-    """A column as numbers, and what is wrong with it if it is none."""
+    """A column as numbers, as texts where few of them are, and what is wrong with it.
+    """
     import pandas
     if x.dtype.kind in "iufb":
         return x.to_numpy(), None
     text = x.astype("string").str.strip()
+    if dialect.decimal == ",":
+        text = text.str.translate({ord(","): ".", ord("."): "?"})
     number = pandas.to_numeric(text, errors="coerce")
+    values = number.to_numpy(float, na_value=np.nan)
     bad = (number.isna() & x.notna() & ~text.str.upper().isin(MISSING)).to_numpy(bool)
     if not bad.any():
-        return number.to_numpy(float, na_value=np.nan), None
+        return values, None
     k = int(bad.argmax())
     with _opened(file) as stream:
         rows = (number for number, line in enumerate(stream, 1) if number > dialect.skip
                 and line.strip() and not line.startswith("#"))
         line = next(itertools.islice(rows, k, None))
-    return x.to_numpy(object), (f"line {line}: {str(x.iloc[k])[:40]!r} in column {name} "
-                                "is not a number")
+    return x.to_numpy(object) if bad.mean() > 0.5 else values, (
+        f"line {line}: {str(x.iloc[k])[:40]!r} in column {name} is not a number")
