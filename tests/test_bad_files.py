@@ -83,9 +83,9 @@ def test_a_comma_in_the_header_shifts_no_column(here, capsys):
     text = (BAD / "shifted_header.csv").read_text()
     (here / "plain.csv").write_text(text.replace('"temp, degC"', "temp"))
     assert main(["identify", "plain.csv", "--json", "b.json"]) == 0
-    a, b = (pathlib.Path(f).read_text() for f in ("a.json", "b.json"))
-    assert a.replace("shifted_header", "plain").partition('"samples"')[2] == b.partition(
-        '"samples"')[2]
+    a, b = (pathlib.Path(f).read_text().partition('"samples"')[2]
+            for f in ("a.json", "b.json"))
+    assert a == b
 
 
 @pytest.mark.parametrize("name", ["unit_micro.json", "unit_mathtext.json"])

@@ -136,7 +136,7 @@ def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, messag
 
 @pytest.mark.parametrize("line, message", [
     ("", "required"), ("identify", "required"), ("guess r.npz", "invalid choice"),
-    ("simulate m.json --out s.npz", "one of the arguments --samples --like is required"),
+    ("simulate m.json --out s.npz", "one of the arguments --samples --like"),
     ("criteria m.json --duration long", "invalid float"),
     ("simulate m.json --samples 0 --out s.npz", "0 is not a whole number from 1"),
     ("criteria m.json --duration 9 --trials 1e30", "1e30 is not a whole number"),

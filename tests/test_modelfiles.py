@@ -112,14 +112,14 @@ def effect(name, column=None, variant=None, **parameters):
     ([effect("saturation", limits=[2])], "at least 2 must be in it"),
     ([effect("stuck", spans=[[-1, 5]])], r"spans\[0\]\[0\] is -1: it must be >= 0"),
     ([effect("stuck", spans=[[1, 2.5]])], "it must be a whole number"),
-    ([effect("bias_step", onset=[9, 1], size=1)], r"effects\[0\]: range .* upside down"),
+    ([effect("bias_step", onset=[9, 1], size=1)], r"effects\[0\]: range .* upside"),
     ([effect("outliers", rate=0.1, sigma=1)] * 2, "outliers is there twice"),
     ([effect("nonlinearity", "rate", "bogus", coefficient=1)],
      'one of null, "", "square", "modulus"'),
     ([effect("temperature", coefficient=1)], "column is null: it must be a text"),
     ([effect("temperature", "", coefficient=1)], "it must not be empty"),
     ([effect("temperature", "a=b", coefficient=1)], "no = and no comma"),
-    ([effect("rate_ramp", "rate", slope=1)], 'column is "rate": it must be one of null'),
+    ([effect("rate_ramp", "rate", slope=1)], 'column is "rate": it must be one of'),
     ([effect("wrong_parameter", factor=2)], '"wrong_parameter": it must be one of')])
 def test_effects_out_of_their_domain_are_refused(tmp_path, effects, message):
     (tmp_path / "m.json").write_text(json.dumps(

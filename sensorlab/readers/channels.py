@@ -4,8 +4,6 @@ import difflib
 import re
 from typing import NamedTuple
 
-import numpy as np
-
 from sensorlab.readers.clocks import unit_of
 
 UNIT = re.compile(r"\s*[\[(]\s*(?!\d+\s*[\])])([^\[\]()]+?)\s*[\])]$")    # no index

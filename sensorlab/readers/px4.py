@@ -1,6 +1,8 @@
-"""Logs of PX4 (.ulg), by pyulog. Format: https://docs.px4.io/main/en/dev_log/ulog_file_format
+"""Logs of PX4 (.ulg), by pyulog.
 
-Every message has its `timestamp` in microseconds since the start.
+Every message has its `timestamp` in microseconds since the start; of a sensor that is
+there several times the second is NAME#1.
+Format: https://docs.px4.io/main/en/dev_log/ulog_file_format
 """
 
 from pyulog import ULog
