@@ -66,7 +66,10 @@ def main(argv=None):
 
 
 if __name__ == "__main__":    # before anything large is imported
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("sensorid: interrupted")
 
 
 def __getattr__(name):
@@ -1908,8 +1911,9 @@ def write_whole(file, put):
             return put(stream)
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
+    new = open(part, "xb")    # no other's file, no link
     try:
-        with open(part, "xb") as stream:    # a new file: no other's, no link
+        with new as stream:
             if file.exists():
                 os.chmod(part, file.stat().st_mode & 0o7777)
             put(stream)

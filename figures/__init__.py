@@ -7,9 +7,12 @@ share stands here: the cases of Sec. 4, the style of the drawings, where they go
 import functools
 import pathlib
 
-import matplotlib
+try:
+    import matplotlib
 
-import sensorid
+    import sensorid
+except KeyboardInterrupt:    # of `python -m figures`, which starts here
+    raise SystemExit("figures: interrupted") from None
 
 matplotlib.use("Agg")
 matplotlib.rcParams.update({

@@ -1,6 +1,6 @@
 """The command line: parse, and only then import what the command needs."""
 
-import _thread
+import argparse
 import contextlib
 import importlib
 import os
@@ -16,23 +16,46 @@ def main(argv=None):
     """Run the command line; returns the exit status: 0 done, 2 bad input, 130
     interrupted, 141 if nobody reads what is printed.
     """
-    options = None
+    options = argparse.Namespace(checkpoint=None)
+
+    def work():
+        parser().parse_args(argv, options)
+        importlib.import_module(f"{__name__}.{options.command}").run(options)
+
+    def kept():
+        return options.checkpoint and (
+            f"; finished trials are kept in {options.checkpoint}, the same command "
+            "goes on from there")
+    return in_one_line(work, kept, last=argv is None)
+
+
+def in_one_line(work, kept=lambda: "", last=True):
+    """Do the work of a program; returns its exit status. Whatever ends it early is
+    said in one line.
+
+    Parameters
+    ----------
+    work : function
+    kept : function, optional
+        Text on what an interrupt leaves.
+    last : bool
+        The program ends with this work.
+    """
     with _interrupts_noted() as interrupts:
         try:
-            options = parser().parse_args(argv)
             if hasattr(sys.stdout, "reconfigure"):    # no letter for it: an escape
                 sys.stdout.reconfigure(errors="backslashreplace")
-            importlib.import_module(f"{__name__}.{options.command}").run(options)
+            work()
             if sys.stdout:
                 sys.stdout.flush()
             status = 0
         except KeyboardInterrupt:
-            status = _interrupted(options)
+            status = _interrupted(kept)
         except Exception as problem:
             # compiled and foreign code turn interrupts into errors of their own
-            status = _interrupted(options) if interrupts else _refused(problem)
+            status = _interrupted(kept) if interrupts else _refused(problem)
             _drop_stdout()
-        if argv is None:    # the program ends here: nothing is left to interrupt
+        if last:    # nothing is left to interrupt
             signal.signal(signal.SIGINT, signal.SIG_IGN)
     return status
 
@@ -48,7 +71,8 @@ def _interrupts_noted():
 
     def unraisable(problem):    # met where nothing can be raised: once more, later
         if isinstance(problem.exc_value, KeyboardInterrupt):
-            _thread.interrupt_main()
+            threading.Timer(0.05, signal.pthread_kill, [
+                threading.get_ident(), signal.SIGINT]).start()
         else:
             sys.__unraisablehook__(problem)
     if threading.current_thread() is not threading.main_thread():
@@ -76,10 +100,8 @@ def _refused(problem):
     return 2
 
 
-def _interrupted(options):
-    kept = getattr(options, "checkpoint", None)
-    _say("interrupted" + (f"; finished trials are kept in {kept}, the same command "
-                          "goes on from there" if kept else ""))
+def _interrupted(kept):
+    _say(f"interrupted{kept() or ''}")
     return 130
 
 

@@ -8,8 +8,12 @@ import sys
 import numpy as np
 
 from sensorid import write_whole
+from sensorlab.commands.cache import forgive
 from sensorlab.gap.report import finite
 from sensorlab.readers import read as read_source, read_rows
+
+
+forgive()
 
 
 def progress_bar(done, total):
