@@ -403,7 +403,7 @@ def as_parameter(name, symbol, value, prior):
     if prior == "log" and low <= 0.0 < high - low:
         raise ValueError(f"range [{low:g}, {high:g}] of {what} with a log prior: "
                          "it must be > 0")
-    return Parameter(symbol, low, high, prior == "log")
+    return Parameter(symbol, low, high, prior == "log" and low < high)
 
 
 def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):

@@ -124,7 +124,7 @@ def model_text(model):
     """JSON text of a model file."""
     hypotheses = []
     for h, effects in model.simulator.pairs:
-        log = all(p.log for p in h.parameters)
+        log = all(p.log for p in h.parameters if p.free)
         entry = dict(name=h.model.__name__, label=h.name, bias_sigma=h.bias_sigma,
                      prior="log" if log else "uniform",
                      parameters={p.symbol: _json_value(p, log) for p in h.parameters})

@@ -3,11 +3,14 @@ not, in a sentence.
 """
 
 import difflib
+import functools
 import inspect
 import json
 import textwrap
 
 import numpy as np
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import best_match
 
 from sensorid import MODELS
 from sensorlab.gap.catalogue import CATALOGUE
@@ -146,11 +149,14 @@ TYPES = dict(number="a number", array="a list", object="an object", string="a te
              null="null", integer="a whole number")
 
 
+@functools.cache
+def _validator():
+    return Draft202012Validator(schema())
+
+
 def problem(tree):
     """The first thing wrong with the content of a model file as a sentence, or None."""
-    from jsonschema import Draft202012Validator
-    from jsonschema.exceptions import best_match
-    e = best_match(Draft202012Validator(schema()).iter_errors(tree))
+    e = best_match(_validator().iter_errors(tree))
     if e is None:
         return None
     where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}"

@@ -64,6 +64,7 @@ WIDE = 2.5      # sampling intervals: a wider step of an uneven clock is a gap
 CLEAN = 0.25    # of an interval: steps this near to a multiple of it leave no doubt
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def clock(name, time, resample=False):
     """`Clock` of the stamps of a record.
 
@@ -159,8 +160,7 @@ def in_seconds(name, time):
         source = name if unit_of(name) or unit == "s" else f"{name}, taken as {unit}"
     if time.dtype.kind == "u":
         time = time.astype(np.int64)
-    with np.errstate(over="ignore"):
-        return (time - time[:1]).astype(float) * scale, source
+    return (time - time[:1]).astype(float) * scale, source
 
 
 def _dates(name, texts):
