@@ -4,7 +4,7 @@ other algorithms, files, pictures, the command line.
     gap/           effect, size and place of what a simulator lacks; see `sensorlab.gap`
     rivals         other algorithms, the Cramer-Rao bound
     readers/       recordings as files and programs hold them
-    modelfiles     simulators as files hold them
+    modelfiles     simulators as files hold them; modelschema says what is in them
     drawings       the pictures of --plot and of a diagnosis
     commands/      the command line
 

@@ -117,7 +117,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify .", "no such file, but a folder"),
     ("criteria m.json --duration 1e300", "record less"),
     ("criteria m.json --duration 50 --checkpoint m.json", "a folder is needed"),
-    ("simulate m.json --samples 999999999 --records 999 --out s.npz",
+    ("simulate m.json --samples 99999999 --records 999 --out s.npz",
      "too large for the memory"),
     ("identify r.npz --dt 1 --resample", "--resample does nothing beside --dt"),
     ("diagnose --effects --out d", "--out does nothing beside --effects"),
@@ -167,6 +167,44 @@ def test_a_prior_that_excludes_the_truth_is_told(folder, capsys):
     assert "low end of its range: widen the prior" in capsys.readouterr().out
     (best,) = json.loads(pathlib.Path("o.json").read_text())["hypotheses"]
     assert abs(best["parameters"]["sigma_w"]["mean"] - 1.0) < 1e-3
+
+
+def test_a_saved_model_keeps_law_and_unit_and_is_known_as_a_posterior(folder, capsys):
+    tree = {"dt": 1.0, "unit": "deg/h", "bias_sigma": 2.0, "hypotheses": [
+        {"name": "random_walk", "prior": "log",
+         "parameters": {"sigma_w": [0.01, 1], "sigma_v": [0.1, 1]}}]}
+    pathlib.Path("l.json").write_text(json.dumps(tree))
+    assert main("identify r.npz --model l.json --save-model b.json".split()) == 0
+    saved = sensorlab.read_model("b.json")
+    (h,) = saved.simulator.hypotheses
+    assert all(p.log and p.free for p in h.parameters) and h.bias_sigma == 2.0
+    assert (saved.unit, saved.posterior_of) == ("deg/h", "r.npz")
+    for target in ("", " --target-rsd sigma_w=0.9"):
+        assert main(f"criteria b.json --duration 50 --trials 16{target}".split()) == 0
+        assert "b.json is the posterior of r.npz" in capsys.readouterr().out
+
+
+def test_an_effect_after_the_end_of_the_record_is_refused(folder, capsys):
+    late = dict(name="bias_step", parameters=dict(onset=500.0, size=1.0))
+    tree = json.loads(json.dumps(MODEL))
+    tree["hypotheses"] = [dict(tree["hypotheses"][0], effects=[late])]
+    pathlib.Path("e.json").write_text(json.dumps(tree))
+    np.savez("short.npz", error=np.load("r.npz")["error"][:400], dt=1.0)
+    for line in ("simulate e.json --samples 400 --out s.npz",
+                 "diagnose short.npz --model e.json"):
+        assert main(line.split()) == 2
+        assert "starts at 500 s, but the record ends at 400" in capsys.readouterr().err
+
+
+def test_a_record_says_its_own_unit_and_clock(folder, capsys):
+    y = np.load("r.npz")["error"][:300]
+    pathlib.Path("r.csv").write_text("timestamp [ms],gyro [deg/s]\n" + "".join(
+        f"{10 * k},{v}\n" for k, v in enumerate(y)))
+    assert main("identify r.csv --channel gyro".split()) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("r.csv, column gyro [deg/s]: 300 samples, dt 10 ms from "
+                           "timestamp [ms], 3 s; 0 missing\n")
+    assert " deg/s" in said.splitlines()[2]
 
 
 def test_missing_samples_raise_no_false_alarm(folder, capsys):

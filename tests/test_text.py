@@ -1,6 +1,8 @@
 """CSV and its dialects."""
 
+import bz2
 import gzip
+import lzma
 
 import numpy as np
 import pytest
@@ -54,9 +56,9 @@ def test_utf_16_and_packed_files_are_read(tmp_path):
     content = dialect(";", "time;error", decimal=",")
     (tmp_path / "r.txt").write_text(content, encoding="utf-16")
     assert_array_equal(read(tmp_path / "r.txt").error, Y)
-    with gzip.open(tmp_path / "r.csv.gz", "wt") as stream:
-        stream.write(content)
-    assert_array_equal(read(tmp_path / "r.csv.gz").error, Y)
+    for kind, pack in ((".gz", gzip), (".bz2", bz2), (".xz", lzma)):
+        (tmp_path / f"r.csv{kind}").write_bytes(pack.compress(content.encode()))
+        assert_array_equal(read(tmp_path / f"r.csv{kind}").error, Y)
 
 
 def test_euroc_names_its_columns_in_a_comment(tmp_path):

@@ -177,7 +177,7 @@ def parser():
     return root
 
 
-MOST = 10**9    # trials, samples or records: no machine serves more
+MOST = 10**8    # trials, samples or records: no machine serves more
 
 
 def _count(text):

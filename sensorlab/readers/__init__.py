@@ -137,12 +137,14 @@ def _recording(origin, channel, dt, resample, allow_missing, beside):
     from sensorid import check_record    # not for the readers in their own processes
     from sensorlab.readers import channels, clocks
     error = channel.values.astype(float)
-    columns = channels.beside(channel, beside)
-    holes = int(np.isnan(error).sum())
-    if holes and not allow_missing:
-        raise ValueError(f"{channel.name} holds {holes} NaN or empty values, the first "
-                         f"at sample {np.argmax(np.isnan(error))}; --allow-missing "
-                         "takes them as missing")
+    columns = {name: x for name, x in channels.beside(channel, beside).items()
+               if beside is not None or not np.isnan(x).all()}
+    for name, x in {channel.name: error, **columns}.items():
+        holes = int(np.isnan(x).sum())
+        if holes and not allow_missing:
+            raise ValueError(f"{name} holds {holes} NaN or empty values, the first at "
+                             f"sample {np.argmax(np.isnan(x))}; --allow-missing takes "
+                             "them as missing")
     if dt is None:
         clock = _clock(channel, resample)
     else:
@@ -201,4 +203,4 @@ def _number(name, x):
     return float(x.ravel()[0])
 
 
-Record, read_record = Recording, read    # their names in the first version
+Record, read_record = Recording, read    # the same by other names

@@ -2,7 +2,10 @@
 
 import difflib
 import re
+from array import array
 from typing import NamedTuple
+
+import numpy as np
 
 from sensorlab.readers.clocks import unit_of
 
@@ -96,6 +99,23 @@ def find(groups, wanted):
     raise ValueError(f"no column {wanted!r} among {_listed(every) or 'none'}"
                      + (f" (did you mean {near[0]}?)" if near else "")
                      + "; choose one with --column")
+
+
+def collect(columns, row):
+    """Append the (name, number) pairs of a message to columns, name -> array."""
+    for name, value in row:
+        column = columns.setdefault(name, array("q" if isinstance(value, int) else "d"))
+        try:
+            column.append(value)
+        except (TypeError, OverflowError):    # whole numbers no more
+            columns[name] = array("d", [*column, value])
+
+
+def collected(columns, name, clock):
+    """Group of the columns that all messages had."""
+    samples = len(columns[clock])
+    return Group({key: np.asarray(x) for key, x in columns.items()
+                  if len(x) == samples}, name, clock)
 
 
 def _ends(path):

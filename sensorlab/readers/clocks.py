@@ -19,7 +19,7 @@ CLOCKS = {"time", "times", "timestamp", "timestamps", "stamp", "t", "date", "dat
           "utc", "epoch", "clock"}
 BESIDE = {"host", "sensor", "device", "system", "log", "boot", "gps", "local", "unix",
           "ros", "header", "since", "start", "elapsed", "in", "of", "the", "sample"}
-WORDS = re.compile("[A-Z]+(?![a-z])|[A-Z]?[a-z\u00b5\u03bc]+")
+WORDS = re.compile("(?:[A-Z]+(?![a-z])|[A-Z]?[a-z\u00b5\u03bc]+)[0-9]*")
 EPOCH = 9.4e8, 4.2e9    # s: the years 1999 to 2103
 
 
@@ -27,7 +27,7 @@ def unit_of(name):
     """(unit, s) of a clock by its name, such as timestamp [ns] or TimeUS; () where the
     name says none, None where it is the name of no clock.
     """
-    words = [word.lower() for word in WORDS.findall(name)]
+    words = [word.lower() for word in WORDS.findall(name) if word != "T"]
     unit = UNITS.get(words[-1], ()) if words else ()
     rest = set(words[:-1] if unit else words)
     if rest & CLOCKS and rest <= CLOCKS | BESIDE or unit and not rest and len(

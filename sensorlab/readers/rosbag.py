@@ -4,21 +4,24 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from sensorlab.readers.channels import Group
+from sensorlab.readers.channels import collect, collected
 
-MAX_MESSAGE = 4096    # bytes: longer ones are pictures, clouds and maps
-STAMP = "header/stamp [ns]"
+MAX_MESSAGE, MAX_VECTOR = 4096, 8    # bytes, numbers: longer ones are pictures, clouds,
+                                     # maps and covariances
+STAMP, RECEIVED = "header/stamp [ns]", "received [ns]"
 
 
 def read(file):
-    rows = {}    # topic -> list of dicts
+    """Groups of all topics; the clock is the header's stamp, where it is set."""
+    topics = {}    # topic -> columns
     with AnyReader([file], default_typestore=get_typestore(Stores.LATEST)) as bag:
         for connection, received, raw in bag.messages():
             if len(raw) <= MAX_MESSAGE:
-                row = dict(_numbers(bag.deserialize(raw, connection.msgtype)))
-                row["received [ns]"] = received
-                rows.setdefault(connection.topic, []).append(row)
-    return [_group(topic, table) for topic, table in rows.items()]
+                message = bag.deserialize(raw, connection.msgtype)
+                collect(topics.setdefault(connection.topic, {}),
+                        [(RECEIVED, received), *_numbers(message)])
+    return [collected(columns, topic, STAMP if STAMP in columns and all(columns[STAMP])
+                      else RECEIVED) for topic, columns in topics.items()]
 
 
 def _numbers(message, above=""):
@@ -27,17 +30,10 @@ def _numbers(message, above=""):
         path = above + name
         if name == "stamp" and hasattr(value, "nanosec"):
             yield f"{path} [ns]", value.sec * 10**9 + value.nanosec
-        elif isinstance(value, np.ndarray) and value.ndim == 1:
-            yield from ((f"{path}[{k}]", v) for k, v in enumerate(value.tolist()))
+        elif isinstance(value, np.ndarray):
+            if value.ndim == 1 and len(value) <= MAX_VECTOR:
+                yield from ((f"{path}[{k}]", v) for k, v in enumerate(value.tolist()))
         elif isinstance(value, (int, float)):
             yield path, value
         elif hasattr(value, "__msgtype__"):
             yield from _numbers(value, f"{path}/")
-
-
-def _group(topic, rows):
-    """The messages of a topic; its clock is the header's stamp, where it is set."""
-    names = [name for name in rows[0] if all(name in row for row in rows)]
-    arrays = {name: np.array([row[name] for row in rows]) for name in names}
-    stamped = STAMP in arrays and arrays[STAMP].all()
-    return Group(arrays, topic, STAMP if stamped else "received [ns]")
