@@ -15,7 +15,7 @@ RNG = np.random.default_rng(5)
     ("time", ()), ("t", ()), ("Timestamp", ()), ("TimeUS", "us"), ("time_ms", "ms"),
     ("timestamp [ns]", "ns"), ("#timestamp [ns]", "ns"), ("time (s)", "s"),
     ("timestamp_\u00b5s", "us"), ("seconds", "s"), ("header/stamp [ns]", "ns"),
-    ("Time since boot [usec]", "us"), ("t_sec", "s")])
+    ("Time since boot [usec]", "us"), ("t_sec", "s"), ("seconds_elapsed", "s")])
 def test_a_clock_and_its_unit_are_known_by_name(name, unit):
     found = unit_of(name)
     assert found == unit or found[0] == unit

@@ -224,6 +224,8 @@ def test_a_clock_and_a_dt_that_disagree_are_refused():
         read(arrays)
     assert read(arrays, dt=0.02).clock == "dt 20 ms as given"
     assert read(dict(arrays, dt=0.01)).clock == "dt 10 ms from time"
+    assert read(dict(arrays, time="noon")).clock == "dt 20 ms"
+    assert read(dict(arrays, dt=np.full(N, 0.02))).clock == "dt 10 ms from time"
 
 
 def test_rows_and_columns_are_told_by_the_longer_side():

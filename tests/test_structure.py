@@ -58,8 +58,8 @@ ROOMS = {    # of the laboratory; each takes only from those before it
     "sensorlab/gap": ["effects", "catalogue", "kernels", "filters", "evidence",
                       "signatures", "readings", "account", "causes", "places",
                       "distance", "closure", "diagnosis", "report"],
-    "sensorlab/readers": ["clocks", "channels", "arrays", "text", "objects", "matlab",
-                          "parquet", "rosbag", "px4", "ardupilot", "apart"],
+    "sensorlab/readers": ["clocks", "channels", "messages", "arrays", "text", "objects",
+                          "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],
     "sensorlab": ["printable", "gap", "rivals", "planning", "readers", "modelschema",
                   "modelfiles", "drawings", "commands"]}
 

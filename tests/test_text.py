@@ -35,7 +35,8 @@ def dialect(separator, header, decimal=".", end="\n", tail=""):
     dialect(",", "time,error", tail=","),
     dialect(",", "time,error,", tail=","),
     dialect(",", "# a gyro, 50 Hz\n\n# warm\ntime,error"),
-    dialect(",", "# a gyro\n#time,error"),
+    dialect(",", '# a 5" gyro\n#time,error') + '#"\n',
+    dialect(",", '# a 5" gyro\ntime,error,n', tail=',"in"'),
     dialect(",", "% time,error"),
     dialect(",", '"time","error"'),
     dialect(",", "time [s],error [deg/h]"),
@@ -70,9 +71,21 @@ def test_euroc_names_its_columns_in_a_comment(tmp_path):
             for i, y in enumerate(Y)))
     record = read(tmp_path / "data.csv", "w_RS_S_x", beside=None)
     assert_array_equal(record.error, Y)
-    assert record.unit == "rad s^-1" and list(record.columns) == ["a_RS_S_x [m s^-2]"]
+    assert record.unit == "rad s^-1" and list(record.columns) == ["a_RS_S_x"]
     assert record.heading.endswith("column w_RS_S_x [rad s^-1]: 40 samples, dt 5 ms "
                                    "from #timestamp [ns]".replace("#", ""))
+
+
+def test_rostopic_names_its_columns_after_a_percent_sign(tmp_path):
+    """As written by `rostopic echo -b FILE -p /imu`."""
+    (tmp_path / "imu.csv").write_text(
+        "%time,field.header.seq,field.angular_velocity.x,field.angular_velocity.y\n"
+        + "".join(f"{1403636579758555392 + 5_000_000 * i},{i},{y},0\n"
+                  for i, y in enumerate(Y)))
+    for name in ("angular_velocity/x", "angular_velocity.x", "angular_velocity[0]"):
+        record = read(tmp_path / "imu.csv", name)
+        assert_array_equal(record.error, Y)
+        assert record.clock == "dt 5 ms from time, taken as ns"
 
 
 def test_a_file_without_a_header_goes_by_number(tmp_path):
@@ -93,7 +106,7 @@ def test_the_dates_of_a_logger_are_a_clock(tmp_path):
 @pytest.mark.parametrize("content, message", [
     ("", "no header and no row"), ("# nothing\n", "no header and no row"),
     ("time,error\x00\n1,2\n", "holds NUL bytes"),
-    ("time,error\n1,2\n1,2,3\n", "Expected 2 fields in line 3, saw 3"),
+    ("time,error\n1,2\n1,2,3\n", "Expected 2 fields in line 2, saw 3"),
     ('time,error\n1,"2\n', "EOF inside string"),
     (dialect(";", "time;error", decimal=",").replace("0,04", "1.000,04"),
      "'1.000,04' in column time"),

@@ -2,6 +2,7 @@
 
     clocks       time stamps -> an even sampling interval
     channels     one row of numbers among the arrays of a source
+    messages     the messages of a log as arrays
     arrays       .npy, .npz
     text         CSV and its dialects
     objects      arrays, DataFrames, Series, xarray
@@ -17,10 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorlab.printable import printable
+from sensorlab.readers import apart, arrays, channels, clocks, objects, text
 
-KINDS = {".npy": "arrays", ".npz": "arrays", ".mat": "matlab", ".h5": "matlab",
-         ".hdf5": "matlab", ".parquet": "parquet", ".pq": "parquet", ".bag": "rosbag",
-         ".db3": "rosbag", ".mcap": "rosbag", ".ulg": "px4", ".bin": "ardupilot"}
+APART = {".mat": "matlab", ".h5": "matlab", ".hdf5": "matlab", ".parquet": "parquet",
+         ".pq": "parquet", ".bag": "rosbag", ".db3": "rosbag", ".mcap": "rosbag",
+         ".ulg": "px4", ".bin": "ardupilot"}
 
 
 class Recording(NamedTuple):
@@ -86,7 +88,6 @@ def read(source, channel="error", dt=None, resample=False, allow_missing=False,
 def read_rows(source, dt=None):
     """Recordings of all rows of the array `error`, or of the one column of that name.
     """
-    from sensorlab.readers import channels
     origin, groups = _opened(source)
     try:
         rows = [c for group in groups for c in channels.channels(group)
@@ -97,7 +98,6 @@ def read_rows(source, dt=None):
 
 
 def _channel(groups, wanted):
-    from sensorlab.readers import channels
     every = [c for group in groups for c in channels.channels(group)]
     alone = len(every) == 1 and wanted == "error"
     return channels.find(groups, every[0].name if alone else wanted)
@@ -106,36 +106,28 @@ def _channel(groups, wanted):
 def _opened(source):
     """Name and groups of a source."""
     if not isinstance(source, (str, pathlib.Path)):
-        from sensorlab.readers.objects import groups
-        found = groups(source)
-        if found is None:
+        groups = objects.groups(source)
+        if groups is None:
             raise ValueError(f"a {type(source).__name__} is no source of records: give "
                              "a file, an array or a table")
-        return type(source).__name__, found
+        return type(source).__name__, groups
     file = pathlib.Path(source)
-    if file.is_dir() and (file / "metadata.yaml").is_file():
-        kind = "rosbag"
-    elif not file.is_file():
+    folder_of_ros = (file / "metadata.yaml").is_file()
+    if not (file.is_file() or folder_of_ros):
         raise ValueError(f"{file}: no such file" + ", but a folder" * file.is_dir())
-    else:
-        kind = KINDS.get(file.suffix.lower(), "text")
+    kind = file.suffix.lower()
     try:
-        if kind == "arrays":
-            from sensorlab.readers.arrays import read as open_
-        elif kind == "text":
-            from sensorlab.readers.text import read as open_
-        else:
-            from sensorlab.readers.apart import read_apart
-            return str(file), read_apart(kind, file)
-        return str(file), open_(file)
+        if folder_of_ros or kind in APART:
+            return str(file), apart.read_apart(
+                "rosbag" if folder_of_ros else APART[kind], file)
+        return str(file), (arrays if kind in (".npy", ".npz") else text).read(file)
     except Exception as problem:    # each library raises its own
-        raise ValueError(f"{file}: cannot be read as {file.suffix or 'text'}: {problem}"
+        raise ValueError(f"{file}: cannot be read as {kind or 'text'}: {problem}"
                          ) from None
 
 
 def _recording(origin, channel, dt, resample, allow_missing, beside):
     from sensorid import check_record    # not for the readers in their own processes
-    from sensorlab.readers import channels, clocks
     error = channel.values.astype(float)
     columns = {name: x for name, x in channels.beside(channel, beside).items()
                if beside is not None or not np.isnan(x).all()}
@@ -167,16 +159,15 @@ def _filled(x):
 
 def _clock(channel, resample):
     """The clock of a channel's group: its stamps or its scalar dt, which must agree."""
-    from sensorlab.readers import clocks
     group, samples = channel.group, len(channel.values)
     names = [name for name in group.arrays if clocks.unit_of(name) is not None]
     names.sort(key=lambda name: (name != group.clock, name != "time"))
     fitting = [n for n in names if group.arrays[n].shape in ((samples,), (samples, 1),
                                                              (1, samples))]
     own = None
-    if "dt" in group.arrays:
+    if "dt" in group.arrays and not (fitting and group.arrays["dt"].size == samples):
         own = _number("dt", group.arrays["dt"])
-    if names and not fitting:
+    if names and not fitting and own is None:
         raise ValueError(f"{group.arrays[names[0]].size} times in {names[0]} for "
                          f"{samples} samples of {channel.name}")
     if fitting:

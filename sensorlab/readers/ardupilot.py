@@ -7,7 +7,7 @@ Messages: https://ardupilot.org/copter/docs/logmessages.html
 
 from pymavlink.DFReader import DFReader_binary
 
-from sensorlab.readers.channels import collect, collected
+from sensorlab.readers.messages import collect, collected
 
 CLOCK = "TimeUS"
 

@@ -2,16 +2,11 @@
 
 import difflib
 import re
-from array import array
 from typing import NamedTuple
-
-import numpy as np
 
 from sensorlab.readers.clocks import unit_of
 
 UNIT = re.compile(r"\s*[\[(]\s*(?!\d+\s*[\])])([^\[\]()]+?)\s*[\])]$")    # no index
-
-
 MIN_SAMPLES = 16    # fewer are no record
 
 
@@ -77,18 +72,17 @@ def find(groups, wanted):
         If there is none, or more than one; says which there are.
     """
     every = [c for group in groups for c in channels(group)]
-    key = wanted.strip("/")
-    for names in (lambda c: (c.name.strip("/"), c.array),
-                  lambda c: (UNIT.sub("", c.name).strip("/"), UNIT.sub("", c.array)),
-                  lambda c: _ends(c.name)):
-        fitting = [c for c in every if key in names(c)]
+    for names in (lambda c: (_path(c.name), (c.array,)),
+                  lambda c: (_path(UNIT.sub("", c.name)), (UNIT.sub("", c.array),)),
+                  lambda c: _ends(_path(c.name))):
+        fitting = [c for c in every if {_path(wanted), (wanted,)} & {*names(c)}]
         if len(fitting) == 1:
             return _readable(fitting[0])
         if fitting:
             raise ValueError(f"{wanted} may be {_listed(fitting)}: choose one with "
                              "--column")
-    parent, number = re.fullmatch(r"(.*?)(?:\[(\d+)\])?", key, re.S).groups()
-    members = [c for c in every if parent in _ends(c.name.rpartition("/")[0])]
+    parent, number = re.fullmatch(r"(.*?)(?:\[(\d{1,9})\])?", wanted, re.S).groups()
+    members = [c for c in every if _path(parent) in _ends(_path(c.name)[:-1])]
     if number and int(number) < len(members):
         return _readable(members[int(number)])
     if members:
@@ -101,27 +95,14 @@ def find(groups, wanted):
                      + "; choose one with --column")
 
 
-def collect(columns, row):
-    """Append the (name, number) pairs of a message to columns, name -> array."""
-    for name, value in row:
-        column = columns.setdefault(name, array("q" if isinstance(value, int) else "d"))
-        try:
-            column.append(value)
-        except (TypeError, OverflowError):    # whole numbers no more
-            columns[name] = array("d", [*column, value])
-
-
-def collected(columns, name, clock):
-    """Group of the columns that all messages had."""
-    samples = len(columns[clock])
-    return Group({key: np.asarray(x) for key, x in columns.items()
-                  if len(x) == samples}, name, clock)
+def _path(name):
+    """The parts of a path with / or dots."""
+    return tuple(re.split("[/.]", name.strip("/")))
 
 
 def _ends(path):
-    """A path and all that it ends with: a/b/c, b/c, c."""
-    parts = path.strip("/").split("/")
-    return ["/".join(parts[k:]) for k in range(len(parts))]
+    """A path and all that it ends with: a b c, b c, c."""
+    return [path[k:] for k in range(len(path))]
 
 
 SHOWN = 24    # names in a message
@@ -151,7 +132,8 @@ def beside(channel, wanted=None):
     """What was recorded beside a channel: dict of name -> (N,) array of float.
 
     Wanted are names, NAME=COLUMN to give another name, or None for all that hold
-    numbers. Of an array of the same shape it is the same axis.
+    numbers. Units are no part of the names. Of an array of the same shape it is the
+    same axis.
     """
     group, samples = channel.group, len(channel.values)
     shape = group.arrays[channel.array].shape
@@ -164,7 +146,8 @@ def beside(channel, wanted=None):
         same = len(shape) == 2 and group.arrays[c.array].shape == shape
         if not same or c.axis == channel.axis:
             name = c.array if same else c.name.removeprefix(f"{group.name}/")
-            found[name] = c.values.astype(float)
+            short = UNIT.sub("", name)
+            found[name if short in found else short] = c.values.astype(float)
     if wanted is None:
         return found
     chosen = {}
@@ -172,6 +155,8 @@ def beside(channel, wanted=None):
         new, _, old = part.rpartition("=")
         if old in group.refused:
             raise ValueError(group.refused[old])
+        if old not in found:
+            old = UNIT.sub("", old)
         if old not in found:
             raise ValueError(f"no column {old!r} of {samples} numbers beside "
                              f"{channel.name}; there are {', '.join(found) or 'none'}")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-UNITS = {    # of a name's last word -> (unit, s)
+UNITS = {    # word of a name -> (unit, s)
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), ("s", 1.0)),
     **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"),
                     ("ms", 1e-3)),
@@ -18,7 +18,8 @@ UNITS = {    # of a name's last word -> (unit, s)
 CLOCKS = {"time", "times", "timestamp", "timestamps", "stamp", "t", "date", "datetime",
           "utc", "epoch", "clock"}
 BESIDE = {"host", "sensor", "device", "system", "log", "boot", "gps", "local", "unix",
-          "ros", "header", "since", "start", "elapsed", "in", "of", "the", "sample"}
+          "ros", "header", "since", "start", "elapsed", "in", "of", "the", "sample",
+          "sampling", "arrival", "received", "recorded"}
 WORDS = re.compile("(?:[A-Z]+(?![a-z])|[A-Z]?[a-z\u00b5\u03bc]+)[0-9]*")
 EPOCH = 9.4e8, 4.2e9    # s: the years 1999 to 2103
 
@@ -27,12 +28,11 @@ def unit_of(name):
     """(unit, s) of a clock by its name, such as timestamp [ns] or TimeUS; () where the
     name says none, None where it is the name of no clock.
     """
-    words = [word.lower() for word in WORDS.findall(name) if word != "T"]
-    unit = UNITS.get(words[-1], ()) if words else ()
-    rest = set(words[:-1] if unit else words)
-    if rest & CLOCKS and rest <= CLOCKS | BESIDE or unit and not rest and len(
-            words[0]) > 2:
-        return unit
+    words = {word.lower() for word in WORDS.findall(name) if word != "T"}
+    units = sorted(words & UNITS.keys())
+    if len(units) < 2 and words - {*units} <= CLOCKS | BESIDE and (
+            words & CLOCKS or any(len(unit) > 2 for unit in units)):
+        return UNITS[units[0]] if units else ()
     return None
 
 
@@ -165,7 +165,7 @@ def in_seconds(name, time):
 
 def _dates(name, texts):
     import pandas
-    dates = pandas.to_datetime(pandas.Series(texts, dtype=object), format="ISO8601",
+    dates = pandas.to_datetime(pandas.Series(list(map(str, texts))), format="ISO8601",
                                utc=True, errors="coerce").dt.tz_localize(None)
     if dates.isna().any():
         k = int(dates.isna().argmax())

@@ -4,7 +4,7 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from sensorlab.readers.channels import collect, collected
+from sensorlab.readers.messages import collect, collected
 
 MAX_MESSAGE, MAX_VECTOR = 4096, 8    # bytes, numbers: longer ones are pictures, clouds,
                                      # maps and covariances

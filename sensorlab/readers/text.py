@@ -156,11 +156,13 @@ def _table(file, dialect):
     import pandas
     with _opened(file) as stream, warnings.catch_warnings():
         warnings.simplefilter("error", pandas.errors.ParserWarning)
+        for _ in range(dialect.skip):    # pandas would mind the quotes in comments
+            stream.readline(LONG)
         try:
             return pandas.read_csv(
                 stream, sep=dialect.separator, decimal=dialect.decimal, header=None,
-                names=range(len(dialect.names)), skiprows=dialect.skip, comment="#",
-                skipinitialspace=True, index_col=False, low_memory=False)
+                names=range(len(dialect.names)), comment="#", skipinitialspace=True,
+                index_col=False, low_memory=False)
         except pandas.errors.EmptyDataError:
             return pandas.DataFrame({k: [] for k in range(len(dialect.names))})
 
