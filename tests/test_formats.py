@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
+from sensorid import identify
 from sensorlab import read
 from sensorlab.readers import apart
 
@@ -140,6 +141,8 @@ def test_logs_of_px4(tmp_path):
     with pytest.raises(ValueError, match="may be .*combined/gyro_rad.1., sensor_combine"
                                          "d#1/gyro_rad.1.: choose one"):
         read(tmp_path / "r.ulg", "gyro_rad[1]")
+    with pytest.raises(ValueError, match="rad is not one of sensor_combined/gyro_rad.0"):
+        read(tmp_path / "r.ulg", "sensor_combined/gyro_rad")
 
 
 def write_dataflash(file):
@@ -216,6 +219,8 @@ def test_what_is_masked_is_missing():
         read(masked, dt=1.0)
     error = read(masked, dt=1.0, allow_missing=True).error
     assert_array_equal(np.isnan(error), masked.mask)
+    found, same = (identify(y, 1.0).best.mean for y in (masked, error))
+    assert_array_equal(found, same)
 
 
 def test_a_clock_and_a_dt_that_disagree_are_refused():

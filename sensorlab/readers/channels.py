@@ -7,6 +7,7 @@ from typing import NamedTuple
 from sensorlab.readers.clocks import unit_of
 
 UNIT = re.compile(r"\s*[\[(]\s*(?!\d+\s*[\])])([^\[\]()]+?)\s*[\])]$")    # no index
+INDEX = re.compile(r"\[\d+\]$")
 MIN_SAMPLES = 16    # fewer are no record
 
 
@@ -82,7 +83,8 @@ def find(groups, wanted):
             raise ValueError(f"{wanted} may be {_listed(fitting)}: choose one with "
                              "--column")
     parent, number = re.fullmatch(r"(.*?)(?:\[(\d{1,9})\])?", wanted, re.S).groups()
-    members = [c for c in every if _path(parent) in _ends(_path(c.name)[:-1])]
+    members = [c for c in every if _path(parent) in (
+        *_ends(_path(c.name)[:-1]), *_ends(_path(INDEX.sub("", c.name))))]
     if number and int(number) < len(members):
         return _readable(members[int(number)])
     if members:
@@ -90,7 +92,8 @@ def find(groups, wanted):
                          "--column")
     known = [c.name for c in every]
     near = difflib.get_close_matches(wanted, known, 1)
-    raise ValueError(f"no column {wanted!r} among {_listed(every) or 'none'}"
+    shown = [c for c in every if unit_of(c.array) is None]
+    raise ValueError(f"no column {wanted!r} among {_listed(shown) or 'none'}"
                      + (f" (did you mean {near[0]}?)" if near else "")
                      + "; choose one with --column")
 
