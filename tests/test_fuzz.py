@@ -106,7 +106,8 @@ def test_what_is_written_is_what_is_read(tmp_path, values, separator, comma, ste
         assert (np.isinf(seen).any() or len(set(seen[~np.isnan(seen)])) < 2
                 or (~np.isnan(seen)).sum() < MIN_SAMPLES)
     else:
-        np.testing.assert_array_equal(record.error, seen)
+        # pandas before 3 may miss the last digit
+        np.testing.assert_allclose(record.error, seen, rtol=1e-15, atol=0.0)
         assert record.dt == pytest.approx(step)
 
 

@@ -55,9 +55,13 @@ def in_one_line(work, kept=lambda: "", last=True):
             # compiled and foreign code turn interrupts into errors of their own
             status = _interrupted(kept) if interrupts else _refused(problem)
             _drop_stdout()
-        if last:    # nothing is left to interrupt
+        if last and _in_main_thread():    # nothing is left to interrupt
             signal.signal(signal.SIGINT, signal.SIG_IGN)
     return status
+
+
+def _in_main_thread():
+    return threading.current_thread() is threading.main_thread()
 
 
 @contextlib.contextmanager
@@ -75,7 +79,7 @@ def _interrupts_noted():
                 threading.get_ident(), signal.SIGINT]).start()
         else:
             sys.__unraisablehook__(problem)
-    if threading.current_thread() is not threading.main_thread():
+    if not _in_main_thread():
         yield interrupts
         return
     before, hook = signal.signal(signal.SIGINT, note), sys.unraisablehook

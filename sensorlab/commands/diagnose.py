@@ -42,7 +42,8 @@ def run(options):
     if folder:
         folder.mkdir(exist_ok=True)
         write_text(folder / "model.json",
-                   model_text(Model(record.dt, unit, augmented(d))))
+                   model_text(Model(record.dt, unit, augmented(d),
+                                    pathlib.Path(record.file).name)))
         write_json(folder / "report.json", report(d, record))
         save(draw_diagnosis(plt, d, record, unit), folder / "report.png")
     print(table(d, record, unit), end="")

@@ -16,8 +16,8 @@ EFFECTS = (
     "noise_step", "outliers", "random_telegraph", "quantization", "saturation", "stuck",
     "wrong_parameter")
 
-RECORD = ("CSV with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg or "
-          "DataFlash .bin")
+RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
+          "PX4 or .bin of ArduPilot")
 
 DESCRIPTION = """\
 sensorid says which error model a gyro or an accelerometer follows, with which

@@ -27,10 +27,10 @@ def run(options):
         like = read(options, model, beside=needed)
         scene = Scene(like.error, model.dt, like.columns)
         check_columns(like.error, like.columns)
+        check_memory(len(like.error), options.records)
     else:
         check_memory(options.samples, options.records)
         scene = Scene(np.zeros(options.samples), model.dt, {})
-    check_memory(len(scene.y), options.records)
     check_onsets(model.simulator, scene)
     trials = simulate_effects(model.simulator, scene, options.records, options.seed)
     names = np.array([h.name for h in model.simulator.hypotheses])

@@ -81,7 +81,7 @@ def find(groups, wanted):
             return _readable(fitting[0])
         if fitting:
             raise ValueError(f"{wanted} may be {_listed(fitting)}: choose one with "
-                             "--column")
+                             "--channel")
     parent, number = re.fullmatch(r"(.*?)(?:\[(\d{1,9})\])?", wanted, re.S).groups()
     members = [c for c in every if _path(parent) in (
         *_ends(_path(c.name)[:-1]), *_ends(_path(INDEX.sub("", c.name))))]
@@ -89,13 +89,13 @@ def find(groups, wanted):
         return _readable(members[int(number)])
     if members:
         raise ValueError(f"{wanted} is not one of {_listed(members)}: choose one with "
-                         "--column")
+                         "--channel")
     known = [c.name for c in every]
     near = difflib.get_close_matches(wanted, known, 1)
     shown = [c for c in every if unit_of(c.array) is None]
     raise ValueError(f"no column {wanted!r} among {_listed(shown) or 'none'}"
                      + (f" (did you mean {near[0]}?)" if near else "")
-                     + "; choose one with --column")
+                     + "; choose one with --channel")
 
 
 def _path(name):
