@@ -9,8 +9,6 @@ import json
 import textwrap
 
 import numpy as np
-from jsonschema import Draft202012Validator
-from jsonschema.exceptions import best_match
 
 from sensorid import MODELS
 from sensorlab.gap.catalogue import CATALOGUE
@@ -151,11 +149,13 @@ TYPES = dict(number="a number", array="a list", object="an object", string="a te
 
 @functools.cache
 def _validator():
+    from jsonschema import Draft202012Validator
     return Draft202012Validator(schema())
 
 
 def problem(tree):
     """The first thing wrong with the content of a model file as a sentence, or None."""
+    from jsonschema.exceptions import best_match
     e = best_match(_validator().iter_errors(tree))
     if e is None:
         return None
