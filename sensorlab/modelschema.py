@@ -20,8 +20,9 @@ POSITIVE, NOT_NEGATIVE = dict(exclusiveMinimum=0), dict(minimum=0)
 DOMAINS = dict(
     onset=NOT_NEGATIVE, frequency=POSITIVE, ratio=POSITIVE, dwell=POSITIVE,
     rate=dict(minimum=0, maximum=1))
-PRINTABLE = dict(type="string", pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")
-COLUMN = dict(type=["string", "null"], pattern=r"^[^=,\x00-\x1f\x7f-\x9f]*$")
+CONTROL, END_OF_TEXT = r"\x00-\x1f\x7f-\x9f", r"(?![\s\S])"    # $ lets a newline pass
+PRINTABLE = dict(type="string", pattern=f"^[^{CONTROL}]*{END_OF_TEXT}")
+COLUMN = dict(type=["string", "null"], pattern=f"^[^=,{CONTROL}]*{END_OF_TEXT}")
 PRIOR = dict(enum=["uniform", "log"])
 END = dict(type=["number", "null"])
 

@@ -75,7 +75,8 @@ def test_a_file_that_is_no_model_gets_one_sentence(tmp_path, text, message):
     (["dt"], True, "dt is true: it must be a number"),
     (["unti"], "m", r"the file has an unknown key 'unti' \(did you mean unit\?\)"),
     (["unit"], None, "unit is null: it must be a text"),
-    (["unit"], "\x1b[2J", r"no control characters can be in it"),
+    (["unit"], "\x1b[2J", "no control characters can be in it"),
+    (["unit"], "deg\n", "no control characters can be in it"),
     (WALK, 5, r"hypotheses\[0\] is 5: it must be an object"),
     ([*WALK, "name"], "sinus", r'hypotheses\[0\].name is "sinus": it must be one of '
      '"white_noise"'),
