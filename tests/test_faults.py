@@ -150,3 +150,10 @@ def test_a_full_disk_costs_the_compiled_code_not_the_result(monkeypatch, capsys)
     assert twice(3.0) == 6.0
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "No space left on device): going on" in error
+
+
+def test_a_cache_that_cannot_be_written_is_told(monkeypatch, capsys):
+    monkeypatch.setattr(cache, "said", [])
+    monkeypatch.setattr(cache, "CACHE", False)
+    cache.forgive()
+    assert "no folder for it can be written" in capsys.readouterr().err

@@ -20,6 +20,7 @@ from sensorlab.modelschema import problem, schema
 pytestmark = pytest.mark.filterwarnings("error")
 fuzzed = settings(
     max_examples=int(os.environ.get("SENSORID_EXAMPLES", 60)), deadline=None,
+    database=None, derandomize="SENSORID_EXAMPLES" not in os.environ,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow,
                            HealthCheck.data_too_large, HealthCheck.filter_too_much])
 
