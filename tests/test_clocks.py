@@ -95,6 +95,17 @@ def test_an_uneven_clock_is_interpolated_at_its_mean_step_if_asked():
     assert_allclose(seen[~np.isnan(seen)], 3.0 * even[~np.isnan(seen)], rtol=1e-6)
 
 
+def test_bursts_far_apart_are_bursts():
+    time = np.sort(0.64 * (I // 64) + 1e-6 * (I % 64))
+    assert "at the mean rate" in clock("t", time).said
+
+
+def test_a_gap_in_a_short_record_is_no_burst():
+    time = np.cumsum(np.r_[RNG.uniform(0.6, 1.4, 20), 100.3, RNG.uniform(0.6, 1.4, 19)])
+    with pytest.raises(ValueError, match="the record is uneven"):
+        clock("t", time)
+
+
 @pytest.mark.parametrize("time, message", [
     (np.r_[I, 3.0], r"does not increase from sample 999 \(999 s after the first\)"),
     (np.r_[I[:9], I[8:]], "does not increase from sample 8"),

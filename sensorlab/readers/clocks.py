@@ -62,6 +62,7 @@ class Clock(NamedTuple):
 
 WIDE = 2.5      # sampling intervals: a wider step of an uneven clock is a gap
 CLEAN = 0.25    # of an interval: steps this near to a multiple of it leave no doubt
+MOST = 100      # times as many samples as there are: a record with more gaps is none
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -92,11 +93,11 @@ def clock(name, time, resample=False):
     if len(t) < 2 or t[-1] == 0.0:
         raise ValueError(f"the record has {len(t)} samples at {min(len(t), 1)} time")
     usual = np.median(step) or step.mean()
-    if t[-1] / usual > 100 * len(t):
+    found = _with_gaps(t, step, usual) or _with_jitter(t) or _in_bursts(t, step)
+    if found is None and t[-1] / usual > MOST * len(t):
         raise ValueError(f"{len(t)} samples, usually {usual:g} s apart, are spread "
                          f"over {t[-1]:g} s: cut the gap after sample {step.argmax()} "
                          "out")
-    found = (_with_gaps(t, step, usual) or _with_jitter(t) or _in_bursts(t, step))
     if found is None and not resample:
         off = np.abs(step - usual)
         raise ValueError(f"the record is uneven: the step after sample {off.argmax()} "
@@ -112,7 +113,7 @@ def _with_gaps(t, step, usual):
     """The clock if all steps are multiples of an interval."""
     count = np.maximum(np.round(step / usual), 1.0)
     dt = t[-1] / count.sum()
-    if np.abs(step - count * dt).max() > CLEAN * dt:
+    if np.abs(step - count * dt).max() > CLEAN * dt or count.sum() > MOST * len(t):
         return None
     lost = int(count.sum()) - len(step)
     return Clock(dt, "", np.append(0, np.cumsum(count)).astype(int) if lost else None)
@@ -133,7 +134,7 @@ def _in_bursts(t, step):
     i = np.arange(len(t))
     usual, dt = np.median(step), t[-1] / i[-1]
     off = np.abs(t - dt * i).max()
-    if usual > 0.5 * dt or off > max(50.0 * dt, 1e-3 * t[-1]):
+    if usual > 0.5 * dt or off > min(max(200 * dt, 1e-3 * t[-1]), 0.1 * t[-1]):
         return None
     return Clock(dt, f" at the mean rate, {1 / dt:.4g} Hz: the stamps come in bursts, "
                      f"usually {duration(usual)} apart, up to {off:.2g} s off")
