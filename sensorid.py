@@ -66,7 +66,10 @@ def main(argv=None):
 
 
 if __name__ == "__main__":    # before anything large is imported
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("sensorid: interrupted")
 
 
 def __getattr__(name):
@@ -86,6 +89,7 @@ import inspect
 import os
 import pathlib
 import pickle
+import secrets
 import sysconfig
 import types
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
@@ -112,6 +116,13 @@ except RuntimeError:    # neither this folder nor the user's own cache can be wr
     CACHE = False
 JIT = dict(cache=CACHE, error_model="numpy", fastmath={"contract"})
 LOG_2PI = np.log(2.0 * np.pi)
+
+
+def as_samples(y):
+    """Values as an array of floats, NaN where they are masked."""
+    if np.ma.isMaskedArray(y):
+        y = y.astype(float).filled(np.nan)
+    return np.asarray(y, float)
 
 
 def brief(self):
@@ -392,7 +403,7 @@ def as_parameter(name, symbol, value, prior):
     if prior == "log" and low <= 0.0 < high - low:
         raise ValueError(f"range [{low:g}, {high:g}] of {what} with a log prior: "
                          "it must be > 0")
-    return Parameter(symbol, low, high, prior == "log")
+    return Parameter(symbol, low, high, prior == "log" and low < high)
 
 
 def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
@@ -417,6 +428,7 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
         sample and a Markov process of d / sqrt(N) are lost in N samples of the rest. A
         correlation time lies between dt and the whole record.
     """
+    y = as_samples(y)
     seen = y[~np.isnan(y)]
     short = np.sqrt(np.mean(np.diff(seen)**2)) or np.ptp(seen) / len(seen)
     wide = max(np.std(seen), short)
@@ -1095,7 +1107,7 @@ def filter_bank(b, y, stops):
     >>> next(filter_bank(b, np.array([[2.0, -4.0]]), [2])).chi2
     array([[5.]])
     """
-    y = np.asarray(y, float)
+    y = as_samples(y)
     gap = np.isnan(y)
     if (gap != gap[0]).any():
         raise ValueError("samples are missing in some records only: filter these apart")
@@ -1612,7 +1624,7 @@ def identify(y, dt, hypotheses=None, progress=None):
     >>> answer.estimates[decide(answer)].hypothesis.name
     'random_walk'
     """
-    y = np.asarray(y, float)
+    y = as_samples(y)
     check_record(y, dt)
     hypotheses = tuple(hypotheses or default_hypotheses(y, dt))
     estimates = []
@@ -1898,9 +1910,12 @@ def write_whole(file, put):
         with open(file, "wb") as stream:
             return put(stream)
     file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_name(f".{file.name}.{os.getpid()}")
+    part = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
+    new = open(part, "xb")    # no other's file, no link
     try:
-        with open(part, "wb") as stream:
+        with new as stream:
+            if file.exists():
+                os.chmod(part, file.stat().st_mode & 0o7777)
             put(stream)
         os.replace(part, file)
     finally:
@@ -2281,7 +2296,7 @@ def allan_variance(omega, dt, m):
     >>> allan_variance(np.arange(10.0), dt=1.0, m=2)
     2.0
     """
-    omega = np.asarray(omega, float)
+    omega = as_samples(omega)
     samples = omega.shape[-1]
     if not 1 <= m <= samples // 2:
         raise ValueError(
@@ -2382,6 +2397,7 @@ def allan_misfit(y, dt, estimate):
     Octaves up to a tenth of the record. The standard deviation is that of white noise
     (edf of NIST SP 1065, Table 5), a lower bound for slower noises: a hint, not a test.
     """
+    y = as_samples(y)
     seen = 1.0 - np.isnan(y).mean()
     filt = estimate.hypothesis.filter(dt, estimate.mean)
     tau, adev = allan_deviation(y, dt)

@@ -8,9 +8,12 @@ import functools
 import json
 import pathlib
 
-import matplotlib
+try:
+    import matplotlib
 
-import sensorid
+    import sensorid
+except KeyboardInterrupt:    # of `python -m figures`, which starts here
+    raise SystemExit("figures: interrupted") from None
 
 matplotlib.use("Agg")
 matplotlib.rcParams.update({

@@ -6,7 +6,7 @@ import sys
 import time
 
 import figures
-from sensorlab.commands.shared import progress_bar
+from sensorlab.commands import in_one_line
 
 PAPER = {**{str(n): f"fig{n}" for n in range(1, 7)}, "audit": "audit", "table": "table"}
 NAMES = {**PAPER, "7": "fig7", "8": "fig8", **{
@@ -24,6 +24,7 @@ def main(argv=None):
                          help="a small version: 64 samples a case at 1 s instead of "
                               "500 at 0.1 s")
     options = parser.parse_args(argv)
+    from sensorlab.commands.shared import progress_bar    # an interrupt is told by now
     unknown = [name for name in options.which if name not in NAMES]
     if unknown:
         parser.error(f"no figure {', '.join(unknown)}: choose from {', '.join(NAMES)}")
@@ -39,4 +40,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(in_one_line(main))

@@ -3,8 +3,8 @@ other algorithms, files, pictures, the command line.
 
     gap/           effect, size and place of what a simulator lacks; see `sensorlab.gap`
     rivals         other algorithms, the Cramer-Rao bound
-    records        recordings as files hold them
-    modelfiles     simulators as files hold them
+    readers/       recordings as files and programs hold them
+    modelfiles     simulators as files hold them; modelschema says what is in them
     drawings       the pictures of --plot and of a diagnosis
     commands/      the command line
 
@@ -15,7 +15,7 @@ import importlib
 
 _HOME = dict(
     ALGORITHMS="rivals", estimation_bound="rivals",
-    Record="records", read_record="records",
+    read="readers", Recording="readers", Record="readers", read_record="readers",
     Model="modelfiles", read_model="modelfiles", model_text="modelfiles",
     simulator_from="gap.blackbox",
     CATALOGUE="gap.catalogue", Effect="gap.effects", Found="gap.effects",

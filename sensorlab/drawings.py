@@ -27,6 +27,9 @@ def matplotlib_for_files():
 def save(fig, file):
     """Write a picture whole or not at all."""
     fig.set_layout_engine("tight")
+    for text in fig.findobj(lambda part: hasattr(part, "set_parse_math")):
+        if r"\mathdefault" not in text.get_text():    # a $ of a name is none of ours
+            text.set_parse_math("$" not in text.get_text())
     kind = pathlib.Path(file).suffix[1:].lower()
     write_whole(file, lambda stream: fig.savefig(stream, format=kind, dpi=150))
 

@@ -1,16 +1,15 @@
 """Simulators as files hold them, or as their records show them."""
 
-import inspect
 import json
 import pathlib
 from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import (
-    Parameter, as_number, as_parameter, hypothesis)
+from sensorid import Parameter, as_parameter, hypothesis
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.effects import Found, Scene, Simulator
+from sensorlab.gap.effects import Found, Simulator
+from sensorlab.modelschema import parsed, problem
 
 
 class Model(NamedTuple):
@@ -19,6 +18,7 @@ class Model(NamedTuple):
     dt: float    # s
     unit: str
     simulator: Simulator
+    posterior_of: str = ""    # the record that its ranges come from, if one
 
 
 def read_model(file):
@@ -26,133 +26,108 @@ def read_model(file):
 
     The file holds `dt`, s, optionally `unit`, `bias_sigma` (1) and `prior` ("uniform"
     or "log"), and `hypotheses`: a list of `name`, a name in MODELS, and `parameters`,
-    each a number or a range [low, high]; optionally `label`, `prior`, `bias_sigma` and
-    `effects`: a list of `name`, a name in CATALOGUE, `parameters` and, where the effect
-    needs one, `column`.
+    each a number, a range [low, high] or an object of `range` and `prior`; optionally
+    `label`, `prior`, `bias_sigma` and `effects`: a list of `name`, a name in CATALOGUE,
+    `parameters` and, where the effect needs one, `column`. `modelschema.schema` says it
+    all.
 
     Raises
     ------
     ValueError
-        With one sentence on what is wrong with the file.
+        With one sentence on what is wrong with the file, and where.
     """
     file = pathlib.Path(file)
     if not file.is_file():
         raise ValueError(f"{file}: no such model file")
     try:
-        text = json.loads(file.read_text(encoding="utf-8-sig"))
-    except (ValueError, OSError, RecursionError) as problem:
-        raise ValueError(f"{file}: not a JSON model file: {problem}") from None
+        tree = parsed(file.read_text(encoding="utf-8-sig"))
+    except (ValueError, OSError, RecursionError) as wrong:
+        raise ValueError(f"{file}: not a JSON model file: {wrong}") from None
     try:
-        if not isinstance(text, dict) or not text.get("hypotheses"):
-            raise ValueError("no hypotheses: a model file needs a list of at least one")
-        if not isinstance(text["hypotheses"], list):
-            raise ValueError("hypotheses must be a list")
-        dt = as_number(text.get("dt"), "dt")
-        if not (np.isfinite(dt) and dt > 0.0):
-            raise ValueError(f"dt is {dt:g} s: it must be > 0")
-        if not isinstance(text.get("unit", "u"), str):
-            raise ValueError(f"unit {text['unit']!r} must be a text")
-        hypotheses = tuple(_hypothesis_from(entry, text)
-                           for entry in text["hypotheses"])
-        names = [h.name for h in hypotheses]
+        wrong = problem(tree)
+        if wrong:
+            raise ValueError(wrong)
+        pairs = [_hypothesis_from(f"hypotheses[{k}]", entry, tree)
+                 for k, entry in enumerate(tree["hypotheses"])]
+        names = [h.name for h, _ in pairs]
         if len(set(names)) < len(names):
             raise ValueError(f"hypotheses of the same name among {', '.join(names)}: "
                              "give each a \"label\" of its own")
-        effects = tuple(tuple(_effect_from(one, entry["name"])
-                              for one in entry.get("effects") or ())
-                        for entry in text["hypotheses"])
-    except ValueError as problem:
-        raise ValueError(f"{file}: {problem}") from None
-    return Model(dt, str(text.get("unit", "u")),
-                 Simulator(hypotheses, effects if any(effects) else ()))
+    except ValueError as wrong:
+        raise ValueError(f"{file}: {wrong}") from None
+    hypotheses, effects = zip(*pairs)
+    return Model(float(tree["dt"]), tree.get("unit", "u"),
+                 Simulator(hypotheses, effects if any(effects) else ()),
+                 tree.get("posterior_of", ""))
 
 
-# shapes of what readings take; None is any number
-READINGS = dict(lsb=(), limits=(2,), spans=(None, 2))
-
-
-def _effect_from(entry, owner):
-    """One effect of a hypothesis of a model file, as `Found`."""
-    if not isinstance(entry, dict) or entry.get("name") not in CATALOGUE:
-        raise ValueError(f"effect {entry!r} of {owner}: a name is needed, "
-                         f"one of {', '.join(CATALOGUE)}")
-    name, values = entry["name"], entry.get("parameters")
-    effect = CATALOGUE[name]
-    if effect.factor:
-        raise ValueError(f"{name} is no effect to be added: change the parameter")
-    if not isinstance(values, dict):
-        raise ValueError(f"parameters of {name} must be an object")
-    column, variant = entry.get("column") or "", entry.get("variant") or ""
-    if effect.column and not column:
-        raise ValueError(f"{name} of {owner} names no column")
-    needed = _symbols(effect, column)
-    optional = {"phase"} if effect.search == "frequency" else set()
-    if not needed <= values.keys() <= needed | optional:
-        raise ValueError(f"{name} has the parameters {', '.join(sorted(needed))}, "
-                         f"not {', '.join(sorted(values)) or 'none'}")
-    if effect.reading:
-        values = {symbol: _reading(name, symbol, value)
-                  for symbol, value in values.items()}
-    else:
-        values = {symbol: as_parameter(name, symbol, value, "uniform")
-                  for symbol, value in values.items()}
-    return Found(effect, column, variant, values)
-
-
-def _symbols(effect, column):
-    """Names of the parameters that an effect needs."""
-    if effect.reading:
-        return set(inspect.signature(effect.reading).parameters) - {"scene", "y"}
-    scene = Scene(np.arange(8.0), 1.0, {column: np.arange(8.0)})
-    return {p.symbol for p in effect.parameters(scene)} | (
-        {effect.size} if effect.columns else set())
-
-
-def _reading(name, symbol, value):
-    """What a reading takes, as numbers."""
+def _hypothesis_from(where, entry, tree):
+    """One hypothesis of a model file and its effects."""
     try:
-        numbers = np.array([[-np.inf, np.inf][i] if v is None else v
-                            for i, v in enumerate(value)]
-                           if symbol == "limits" else value, float)
-    except (TypeError, ValueError, IndexError):
-        numbers = np.full((0,) * 7, np.nan)    # of no shape that fits
-    shape = READINGS[symbol]
-    if numbers.ndim != len(shape) or any(
-            n not in (None, have) for n, have in zip(shape, numbers.shape)):
-        raise ValueError(f"{symbol} of {name} is {value!r}: a number for "
-                         "lsb, [low, high] for limits, [[onset, samples], ...] "
-                         "for spans")
-    return numbers.tolist()
+        h = hypothesis(entry["name"], name=entry.get("label"),
+                       bias_sigma=entry.get("bias_sigma", tree.get("bias_sigma", 1.0)),
+                       prior=entry.get("prior", tree.get("prior", "uniform")),
+                       **{symbol: _prior(value) for symbol, value
+                          in entry.get("parameters", {}).items()})
+    except ValueError as wrong:
+        raise ValueError(f"{where}: {wrong}") from None
+    effects = []
+    for k, part in enumerate(entry.get("effects") or ()):
+        try:
+            effects.append(_effect_from(part))
+        except ValueError as wrong:
+            raise ValueError(f"{where}.effects[{k}]: {wrong}") from None
+        if any(one.effect == effects[-1].effect for one in effects[:-1]
+               if not one.effect.columns):
+            raise ValueError(f"{where}.effects[{k}]: {part['name']} is there twice: "
+                             "once is all that it can be")
+    return h, tuple(effects)
 
 
-def _hypothesis_from(entry, text):
-    """One hypothesis of a model file."""
-    if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
-        raise ValueError(f"hypothesis {entry!r}: a name and parameters are needed")
-    if not isinstance(entry.get("parameters", {}), dict):
-        raise ValueError(f"parameters of {entry['name']} "
-                         "must be an object of numbers and ranges")
-    if not isinstance(entry.get("effects") or [], list):
-        raise ValueError(f"effects of {entry['name']} must be a list")
-    if not isinstance(entry.get("label", ""), str):
-        raise ValueError(f"label {entry['label']!r} of {entry['name']} must be a text")
-    parameters = entry.get("parameters", {})
-    strange = {"name", "model", "prior", "bias_sigma"} & parameters.keys()
-    if strange:
-        raise ValueError(f"{entry['name']} has no parameter {strange.pop()}")
-    return hypothesis(entry["name"], name=entry.get("label"),
-                      bias_sigma=entry.get("bias_sigma", text.get("bias_sigma", 1.0)),
-                      prior=entry.get("prior", text.get("prior", "uniform")),
-                      **parameters)
+def _prior(value):
+    """A parameter of a model file as `hypothesis` takes it."""
+    if isinstance(value, dict):
+        return Parameter("", *value["range"], value["prior"] == "log")
+    return value
+
+
+def _effect_from(entry):
+    """One effect of a hypothesis of a model file, as `Found`."""
+    effect, values = CATALOGUE[entry["name"]], entry["parameters"]
+    if not effect.reading:
+        values = {symbol: as_parameter(effect.name, symbol, _prior(value), "uniform")
+                  for symbol, value in values.items()}
+    elif "limits" in values:
+        low, high = values["limits"]
+        values = dict(limits=[-np.inf if low is None else float(low),
+                              np.inf if high is None else float(high)])
+        if not np.subtract(*values["limits"]) < 0.0:
+            raise ValueError(f"limits {[low, high]} of {effect.name}: the low one must "
+                             "be below the high one")
+    return Found(effect, entry.get("column") or "", entry.get("variant") or "", values)
+
+
+def check_onsets(simulator, scene):
+    """Refuse an effect that starts when a record is over."""
+    for _, effects in simulator.pairs:
+        for one in effects:
+            value = one.values.get("onset", 0.0)
+            starts = [s for s, _ in one.values.get("spans", ())] + [
+                value.low if isinstance(value, Parameter) else value]
+            if max(starts) >= scene.duration:
+                raise ValueError(f"{one.name} starts at {max(starts):g} s, but the "
+                                 f"record ends at {scene.duration:g} s: it would do "
+                                 "nothing")
 
 
 def model_text(model):
     """JSON text of a model file."""
     hypotheses = []
     for h, effects in model.simulator.pairs:
+        log = all(p.log for p in h.parameters if p.free)
         entry = dict(name=h.model.__name__, label=h.name, bias_sigma=h.bias_sigma,
-                     prior="log" if any(p.log for p in h.parameters) else "uniform",
-                     parameters={p.symbol: _json_value(p) for p in h.parameters})
+                     prior="log" if log else "uniform",
+                     parameters={p.symbol: _json_value(p, log) for p in h.parameters})
         if model.simulator.effects:
             entry["effects"] = [
                 dict(name=one.name, column=one.column or None,
@@ -160,14 +135,19 @@ def model_text(model):
                          symbol: _json_value(v) for symbol, v in one.values.items()})
                 for one in effects]
         hypotheses.append(entry)
-    return json.dumps(dict(dt=model.dt, unit=model.unit, hypotheses=hypotheses),
-                      indent=1)
+    posterior = dict(posterior_of=model.posterior_of) if model.posterior_of else {}
+    return json.dumps(dict(dt=model.dt, unit=model.unit, **posterior,
+                           hypotheses=hypotheses), indent=1)
 
 
-def _json_value(value):
-    """A parameter, or what a reading takes, as JSON has it; null is no limit."""
+def _json_value(value, log=False):
+    """A parameter, or what a reading takes, as JSON has it; null is no limit. A law
+    other than that of the hypothesis is said.
+    """
     if isinstance(value, Parameter):
-        return [value.low, value.high] if value.free else value.low
+        ends = [value.low, value.high]
+        return (value.low if not value.free else ends if value.log == log else
+                dict(range=ends, prior="log" if value.log else "uniform"))
     if isinstance(value, list):
         return [v if not np.isscalar(v) or np.isfinite(v) else None for v in value]
     return value

@@ -103,7 +103,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("criteria m.json --duration 50 --algorithms magic", "choose from slopes"),
     ("criteria m.json --duration 50 --target 0.1 --plot t.png", "goes with --design"),
     ("identify none.csv", "none.csv: no such file"),
-    ("identify r.npz --column nope", "no column 'nope' among error, dt"),
+    ("identify r.npz --column nope", "no column 'nope' among error"),
     ("identify r.npz --model none.json", "no such model file"),
     ("identify r.npz --dt -1", "sampling interval is -1.0 s"),
     ("identify r.npz --hypotheses sine", "unknown hypothesis 'sine'"),
@@ -117,11 +117,14 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify .", "no such file, but a folder"),
     ("criteria m.json --duration 1e300", "record less"),
     ("criteria m.json --duration 50 --checkpoint m.json", "a folder is needed"),
-    ("simulate m.json --samples 99999999999999 --out s.npz",
+    ("simulate m.json --samples 99999999 --records 999 --out s.npz",
      "too large for the memory"),
+    ("identify r.npz --dt 1 --resample", "--resample does nothing beside --dt"),
+    ("diagnose --effects --out d", "--out does nothing beside --effects"),
+    ("diagnose --effects --dt 1", "--dt goes with a record"),
+    ("simulate m.json --samples 9 --dt 1 --out s.npz", "--dt goes with --like"),
     ("criteria m.json --duration -5", "0 < dt <= duration"),
     ("criteria m.json --duration 50 --trials 1", "at least 16"),
-    ("simulate m.json --samples 0 --out s.npz", "at least 1"),
 ])
 def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, message):
     before = sorted(os.listdir())
@@ -131,13 +134,29 @@ def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, messag
     assert sorted(os.listdir()) == before
 
 
-@pytest.mark.parametrize("line", ["", "identify", "guess r.npz",
-                                  "simulate m.json --out s.npz",
-                                  "criteria m.json --duration long"])
-def test_a_bad_command_gets_one_line(folder, capsys, line):
+@pytest.mark.parametrize("line, message", [
+    ("", "required"), ("identify", "required"), ("guess r.npz", "invalid choice"),
+    ("simulate m.json --out s.npz", "one of the arguments --samples --like"),
+    ("criteria m.json --duration long", "invalid float"),
+    ("simulate m.json --samples 0 --out s.npz", "0 is not a whole number from 1"),
+    ("criteria m.json --duration 9 --trials 1e30", "1e30 is not a whole number"),
+    ("criteria m.json --duration 9 --trials " + 31 * "1", "is not a whole number"),
+    ("criteria m.json --duration 9 --seed -1", "--seed"),
+    ("identify r.npz --json=", "the name is empty: is a variable of the shell not set"),
+    ("identify r.npz --model=", "the name is empty"),
+    ("guess\x1b[2J", "guess\\x1b[2J")])
+def test_a_bad_command_gets_one_line(folder, capsys, line, message):
     with pytest.raises(SystemExit) as stop:
         main(line.split())
-    assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
+    error = capsys.readouterr().err
+    assert stop.value.code == 2 and error.count("\n") == 1 and message in error
+
+
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["--version"])
+    assert stop.value.code == 0
+    assert capsys.readouterr().out == f"sensorid {s.__version__}\n"
 
 
 def test_a_prior_that_excludes_the_truth_is_told(folder, capsys):
@@ -148,6 +167,44 @@ def test_a_prior_that_excludes_the_truth_is_told(folder, capsys):
     assert "low end of its range: widen the prior" in capsys.readouterr().out
     (best,) = json.loads(pathlib.Path("o.json").read_text())["hypotheses"]
     assert abs(best["parameters"]["sigma_w"]["mean"] - 1.0) < 1e-3
+
+
+def test_a_saved_model_keeps_law_and_unit_and_is_known_as_a_posterior(folder, capsys):
+    tree = {"dt": 1.0, "unit": "deg/h", "bias_sigma": 2.0, "hypotheses": [
+        {"name": "random_walk", "prior": "log",
+         "parameters": {"sigma_w": [0.01, 1], "sigma_v": [0.1, 1]}}]}
+    pathlib.Path("l.json").write_text(json.dumps(tree))
+    assert main("identify r.npz --model l.json --save-model b.json".split()) == 0
+    saved = sensorlab.read_model("b.json")
+    (h,) = saved.simulator.hypotheses
+    assert all(p.log and p.free for p in h.parameters) and h.bias_sigma == 2.0
+    assert (saved.unit, saved.posterior_of) == ("deg/h", "r.npz")
+    for target in ("", " --target-rsd sigma_w=0.9"):
+        assert main(f"criteria b.json --duration 50 --trials 16{target}".split()) == 0
+        assert "b.json is the posterior of r.npz" in capsys.readouterr().out
+
+
+def test_an_effect_after_the_end_of_the_record_is_refused(folder, capsys):
+    late = dict(name="bias_step", parameters=dict(onset=500.0, size=1.0))
+    tree = json.loads(json.dumps(MODEL))
+    tree["hypotheses"] = [dict(tree["hypotheses"][0], effects=[late])]
+    pathlib.Path("e.json").write_text(json.dumps(tree))
+    np.savez("short.npz", error=np.load("r.npz")["error"][:400], dt=1.0)
+    for line in ("simulate e.json --samples 400 --out s.npz",
+                 "diagnose short.npz --model e.json"):
+        assert main(line.split()) == 2
+        assert "starts at 500 s, but the record ends at 400" in capsys.readouterr().err
+
+
+def test_a_record_says_its_own_unit_and_clock(folder, capsys):
+    y = np.load("r.npz")["error"][:300]
+    pathlib.Path("r.csv").write_text("timestamp [ms],gyro [deg/s]\n" + "".join(
+        f"{10 * k},{v}\n" for k, v in enumerate(y)))
+    assert main("identify r.csv --channel gyro".split()) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("r.csv, column gyro [deg/s]: 300 samples, dt 10 ms from "
+                           "timestamp [ms], 3 s; 0 missing\n")
+    assert " deg/s" in said.splitlines()[2]
 
 
 def test_missing_samples_raise_no_false_alarm(folder, capsys):

@@ -1,11 +1,16 @@
 """Simulators as files hold them."""
 
 import json
+import pathlib
 
+import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 import sensorid as s
-from sensorlab.modelfiles import model_text, read_model
+from sensorlab import CATALOGUE, Found, Model, Scene, Simulator
+from sensorlab.modelfiles import check_onsets, model_text, read_model
+from sensorlab.modelschema import schema
 
 
 MODEL = dict(dt=0.5, unit="deg/h", bias_sigma=2.0, hypotheses=[
@@ -24,26 +29,118 @@ def test_a_model_file_survives_writing_and_reading(tmp_path):
     assert read_model(tmp_path / "b.json") == model
 
 
-@pytest.mark.parametrize("change, message", [
-    ("{", "not a JSON model file"), ("[]", "no hypotheses"), ("{}", "no hypotheses"),
-    (dict(hypotheses=[]), "no hypotheses"),
-    (dict(hypotheses="markov"), "must be a list"),
-    (dict(dt=-1), "dt is -1 s"), (dict(dt=None), "dt is None: a number is needed"),
-    (dict(hypotheses=[dict(name="sinus", parameters={})]),
-     "unknown hypothesis 'sinus'"),
-    (dict(hypotheses=[dict(parameters={})]), "a name and parameters are needed"),
-    (dict(unit=None), "unit None must be a text"),
-    (dict(hypotheses=[dict(name="markov", label=5)]), "label 5 of markov must be"),
-    (dict(hypotheses=[dict(name="markov", parameters=dict(model=1))]),
-     "markov has no parameter model"),
+def test_every_law_and_unit_survives_writing_and_reading(tmp_path):
+    mixed = s.hypothesis("markov", bias_sigma=0.0, tau_m=s.Parameter("", 1, 9, True),
+                         sigma_m=(0.0, 2.0), sigma_v=0.5)
+    effects = (Found(CATALOGUE["saturation"], values=dict(limits=[-np.inf, 2.0])),
+               Found(CATALOGUE["nonlinearity"], "rate", "modulus",
+                     dict(coefficient=s.Parameter("coefficient", 1.0, 2.0, True))))
+    model = Model(0.1, "\u00b5g/\u221aHz", Simulator((mixed,), (effects,)), "r.npz")
+    (tmp_path / "m.json").write_text(model_text(model))
+    assert read_model(tmp_path / "m.json") == model
+
+
+def changed(path, value):
+    """The model file with one value changed, by its path."""
+    tree = json.loads(json.dumps(MODEL))
+    *above, last = path
+    part = tree
+    for key in above:
+        part = part[key]
+    part[last] = value
+    return tree
+
+
+WALK, PARAMETERS = ("hypotheses", 0), ("hypotheses", 0, "parameters")
+
+
+@pytest.mark.parametrize("text, message", [
+    ("{", "not a JSON model file"), ("[]", r"the file is \[\]: it must be an object"),
+    ("{}", "the file has no dt: it is needed"),
     ("[" * 100000, "not a JSON model file"),
-    (dict(hypotheses=[dict(name="white_noise", parameters=dict(sigma_v=[2, 1]))]),
-     "upside down"),
-    (dict(hypotheses=[dict(name="white_noise", parameters=dict(sigma_v=1))] * 2),
-     "hypotheses of the same name"),
-])
-def test_a_bad_model_file_gets_one_sentence(tmp_path, change, message):
-    text = change if isinstance(change, str) else json.dumps(MODEL | change)
+    ('{"dt": NaN}', "NaN is no finite number"),
+    ('{"dt": 1e999}', "1e999 is no finite number"),
+    ('{"dt": 1' + "0" * 400 + "}", "0 is no finite number"),
+    ('{"dt": 1, "dt": 2}', "the key 'dt' stands twice")])
+def test_a_file_that_is_no_model_gets_one_sentence(tmp_path, text, message):
     (tmp_path / "m.json").write_text(text)
     with pytest.raises(ValueError, match=message):
         read_model(tmp_path / "m.json")
+
+
+@pytest.mark.parametrize("path, value, message", [
+    (["hypotheses"], [], r"hypotheses is \[\]: at least 1 must be in it"),
+    (["hypotheses"], "markov", 'hypotheses is "markov": it must be a list'),
+    (["dt"], -1, "dt is -1: it must be > 0"),
+    (["dt"], True, "dt is true: it must be a number"),
+    (["unti"], "m", r"the file has an unknown key 'unti' \(did you mean unit\?\)"),
+    (["unit"], None, "unit is null: it must be a text"),
+    (["unit"], "\x1b[2J", "no control characters can be in it"),
+    (["unit"], "deg\n", "no control characters can be in it"),
+    (WALK, 5, r"hypotheses\[0\] is 5: it must be an object"),
+    ([*WALK, "name"], "sinus", r'hypotheses\[0\].name is "sinus": it must be one of '
+     '"white_noise"'),
+    ([*WALK, "name"], "random_wakl", r"did you mean random_walk\?"),
+    (WALK, dict(name="markov"), r"hypotheses\[0\] has no parameters"),
+    ([*WALK, "label"], 5, r"hypotheses\[0\].label is 5: it must be a text"),
+    ([*WALK, "prior"], "flat", 'prior is "flat": it must be one of "uniform", "log"'),
+    (PARAMETERS, dict(sigma_v=1), r"hypotheses\[0\].parameters has no sigma_w"),
+    ([*PARAMETERS, "model"], 1, "unknown key 'model'; known are sigma_w, sigma_v"),
+    ([*PARAMETERS, "sigma_v"], -1, r"parameters.sigma_v is -1: it must be >= 0"),
+    ([*PARAMETERS, "sigma_v"], [1, [2]],
+     r"hypotheses\[0\].parameters.sigma_v\[1\] is \[2\]: it must be a number"),
+    ([*PARAMETERS, "sigma_v"], [1, 2, 3], "at most 2 can be in it"),
+    ([*PARAMETERS, "sigma_v"], [2, 1], r"hypotheses\[0\]: range .* upside down"),
+    ([*PARAMETERS, "sigma_v"], dict(range=[0, 1], prior="log"), "it must be > 0"),
+    (["hypotheses", 1, "label"], "random_walk", "hypotheses of the same name"),
+])
+def test_what_is_wrong_with_a_model_file_is_said_with_its_path(tmp_path, path, value,
+                                                               message):
+    (tmp_path / "m.json").write_text(json.dumps(changed(path, value)))
+    with pytest.raises(ValueError, match=f"m.json: .*{message}"):
+        read_model(tmp_path / "m.json")
+
+
+def effect(name, column=None, variant=None, **parameters):
+    return dict(name=name, column=column, variant=variant, parameters=parameters)
+
+
+@pytest.mark.parametrize("effects, message", [
+    ([effect("quantization", lsb=0)], "lsb is 0: it must be > 0"),
+    ([effect("random_telegraph", dwell=-1, size=1)], "dwell is -1: it must be > 0"),
+    ([effect("outliers", rate=7, sigma=1)], "rate is 7: it must be <= 1"),
+    ([effect("saturation", limits=[2, -2])], "the low one must be below the high one"),
+    ([effect("saturation", limits=[2])], "at least 2 must be in it"),
+    ([effect("stuck", spans=[[-1, 5]])], r"spans\[0\]\[0\] is -1: it must be >= 0"),
+    ([effect("stuck", spans=[[1, 2.5]])], "it must be a whole number"),
+    ([effect("bias_step", onset=[9, 1], size=1)], r"effects\[0\]: range .* upside"),
+    ([effect("outliers", rate=0.1, sigma=1)] * 2, "outliers is there twice"),
+    ([effect("nonlinearity", "rate", "bogus", coefficient=1)],
+     'one of null, "", "square", "modulus"'),
+    ([effect("temperature", coefficient=1)], "column is null: it must be a text"),
+    ([effect("temperature", "", coefficient=1)], "it must not be empty"),
+    ([effect("temperature", "a=b", coefficient=1)], "no = and no comma"),
+    ([effect("rate_ramp", "rate", slope=1)], 'column is "rate": it must be one of'),
+    ([effect("wrong_parameter", factor=2)], '"wrong_parameter": it must be one of')])
+def test_effects_out_of_their_domain_are_refused(tmp_path, effects, message):
+    (tmp_path / "m.json").write_text(json.dumps(
+        changed([*WALK, "effects"], effects)))
+    with pytest.raises(ValueError, match=message):
+        read_model(tmp_path / "m.json")
+
+
+@pytest.mark.parametrize("late", [effect("bias_step", onset=[50, 60], size=1),
+                                  effect("stuck", spans=[[1, 2], [50, 3]])])
+def test_an_effect_that_starts_after_the_end_is_refused(tmp_path, late):
+    (tmp_path / "m.json").write_text(json.dumps(changed([*WALK, "effects"], [late])))
+    simulator = read_model(tmp_path / "m.json").simulator
+    check_onsets(simulator, Scene(np.zeros(101), 0.5, {}))
+    with pytest.raises(ValueError, match="starts at 50 s, but the record ends at 50 s"):
+        check_onsets(simulator, Scene(np.zeros(100), 0.5, {}))
+
+
+def test_the_schema_that_ships_is_the_one_that_is_used():
+    """After a change: python -m sensorlab.modelschema > docs/model.schema.json"""
+    shipped = pathlib.Path(s.__file__).parent / "docs" / "model.schema.json"
+    assert json.loads(shipped.read_text()) == schema()
+    Draft202012Validator.check_schema(schema())

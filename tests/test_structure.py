@@ -59,8 +59,10 @@ ROOMS = {    # of the laboratory; each takes only from those before it
                       "signatures", "readings", "account", "causes", "places",
                       "distance", "closure", "drift", "twins", "flexible", "search",
                       "remainder", "verdict", "diagnosis", "blackbox", "report"],
-    "sensorlab": ["gap", "rivals", "planning", "records", "modelfiles", "drawings",
-                  "commands"]}
+    "sensorlab/readers": ["clocks", "channels", "messages", "arrays", "text", "objects",
+                          "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],
+    "sensorlab": ["printable", "gap", "rivals", "planning", "readers", "modelschema",
+                  "modelfiles", "drawings", "commands"]}
 
 
 def imported(file):

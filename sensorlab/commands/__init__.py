@@ -1,36 +1,126 @@
 """The command line: parse, and only then import what the command needs."""
 
+import argparse
+import contextlib
 import importlib
 import os
+import signal
 import sys
+import threading
 
 from sensorlab.commands.options import parser
+from sensorlab.printable import printable
 
 
 def main(argv=None):
-    """Run the command line; returns the exit status: 0 done, 2 bad input."""
-    options = parser().parse_args(argv)
-    try:
+    """Run the command line; returns the exit status: 0 done, 2 bad input, 130
+    interrupted, 141 if nobody reads what is printed.
+    """
+    options = argparse.Namespace(checkpoint=None)
+
+    def work():
+        parser().parse_args(argv, options)
         importlib.import_module(f"{__name__}.{options.command}").run(options)
-        sys.stdout.flush()
-    except BrokenPipeError:    # the reader has had enough, as `head` has
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+    def kept():
+        return options.checkpoint and (
+            f"; finished trials are kept in {options.checkpoint}, the same command "
+            "goes on from there")
+    return in_one_line(work, kept, last=argv is None)
+
+
+def in_one_line(work, kept=lambda: "", last=True):
+    """Do the work of a program; returns its exit status. Whatever ends it early is
+    said in one line.
+
+    Parameters
+    ----------
+    work : function
+    kept : function, optional
+        Text on what an interrupt leaves.
+    last : bool
+        The program ends with this work.
+    """
+    with _interrupts_noted() as interrupts:
+        try:
+            if hasattr(sys.stdout, "reconfigure"):    # no letter for it: an escape
+                sys.stdout.reconfigure(errors="backslashreplace")
+            work()
+            if sys.stdout:
+                sys.stdout.flush()
+            status = 0
+        except KeyboardInterrupt:
+            status = _interrupted(kept)
+        except Exception as problem:
+            # compiled and foreign code turn interrupts into errors of their own
+            status = _interrupted(kept) if interrupts else _refused(problem)
+            _drop_stdout()
+        if last and _in_main_thread():    # nothing is left to interrupt
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return status
+
+
+def _in_main_thread():
+    return threading.current_thread() is threading.main_thread()
+
+
+@contextlib.contextmanager
+def _interrupts_noted():
+    """A list of the interrupts that have come, whatever became of them."""
+    interrupts = []
+
+    def note(number, frame):
+        interrupts.append(number)
+        raise KeyboardInterrupt
+
+    def unraisable(problem):    # met where nothing can be raised: once more, later
+        if isinstance(problem.exc_value, KeyboardInterrupt):
+            threading.Timer(0.05, signal.pthread_kill, [
+                threading.get_ident(), signal.SIGINT]).start()
+        else:
+            sys.__unraisablehook__(problem)
+    if not _in_main_thread():
+        yield interrupts
+        return
+    before, hook = signal.signal(signal.SIGINT, note), sys.unraisablehook
+    sys.unraisablehook = unraisable
+    try:
+        yield interrupts
+    finally:
+        sys.unraisablehook = hook
+        if signal.getsignal(signal.SIGINT) is note:
+            signal.signal(signal.SIGINT, before)
+
+
+def _refused(problem):
+    """Says what was wrong with the input; anything else is raised."""
+    if isinstance(problem, BrokenPipeError):    # has had enough, as `head` has
         return 141
-    except (ValueError, OSError, OverflowError) as problem:
-        print(f"sensorid: {' '.join(str(problem).split())}", file=sys.stderr)
-        return 2
-    except MemoryError as problem:
-        print(f"sensorid: too large for the memory: {problem}", file=sys.stderr)
-        return 2
-    except (KeyboardInterrupt, SystemError) as problem:
-        cause = problem    # compiled code turns an interrupt into SystemErrors
-        while isinstance(cause, SystemError):
-            cause = cause.__cause__
-        if not isinstance(cause, KeyboardInterrupt):
-            raise
-        kept = getattr(options, "checkpoint", None)
-        print("sensorid: interrupted" + (
-            f"; finished trials are kept in {kept}, the same command goes on from there"
-            if kept else ""), file=sys.stderr)
-        return 130
-    return 0
+    if isinstance(problem, MemoryError):
+        problem = f"too large for the memory: {problem}"
+    elif not isinstance(problem, (ValueError, OSError, OverflowError)):
+        raise problem
+    _say(" ".join(str(problem).split()))
+    return 2
+
+
+def _interrupted(kept):
+    _say(f"interrupted{kept() or ''}")
+    return 130
+
+
+def _say(sentence):
+    """One line on stderr, if anybody reads it."""
+    try:
+        print(f"sensorid: {printable(sentence)}", file=sys.stderr, flush=True)
+    except OSError:
+        pass
+
+
+def _drop_stdout():
+    """Forget what could not be printed: it would be tried again at the end."""
+    try:
+        if sys.stdout:
+            sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

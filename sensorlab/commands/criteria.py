@@ -34,6 +34,24 @@ def run(options):
                       500 if options.trials is None else options.trials, options.seed,
                       algorithms=_algorithms(options.algorithms),
                       checkpoint=options.checkpoint, progress=progress_bar)
+    if options.json:
+        def by_label(parts):
+            return dict(zip(result.labels, parts))
+        write_json(options.json, dict(
+            time=result.time, trials=result.trials, seed=options.seed, unit=model.unit,
+            error_probability=result.error_probability._asdict(),
+            rsd=by_label(c._asdict() for c in result.rsd),
+            algorithms={name: {key: by_label(part) if isinstance(part, tuple) else part
+                               for key, part in r._asdict().items()}
+                        for name, r in result.rivals.items()}))
+    if plt:
+        save(draw_criteria(plt, result), options.plot)
+    _show(result, options, model)
+
+
+def _show(result, options, model):
+    """The criteria as tables."""
+    _say_posterior(options, model)
     error = result.error_probability
     print(f"{result.trials} trials of {options.duration:g} s at {model.dt:g} s, seed "
           f"{options.seed}; real / calculated, +- standard error")
@@ -52,18 +70,12 @@ def run(options):
                   + f"{f'{r.excess[i]:+.4f} +- {r.excess_se[i]:.4f}':<20}" + "".join(
                       f"{f'{e[i]:.2f} +- {se[i]:.2f}':<28}"
                       for e, se in zip(r.efficiency, r.efficiency_se)))
-    if options.json:
-        def by_label(parts):
-            return dict(zip(result.labels, parts))
-        write_json(options.json, dict(
-            time=result.time, trials=result.trials, seed=options.seed, unit=model.unit,
-            error_probability=error._asdict(),
-            rsd=by_label(c._asdict() for c in result.rsd),
-            algorithms={name: {key: by_label(part) if isinstance(part, tuple) else part
-                               for key, part in r._asdict().items()}
-                        for name, r in result.rivals.items()}))
-    if plt:
-        save(draw_criteria(plt, result), options.plot)
+
+
+def _say_posterior(options, model):
+    if model.posterior_of:
+        print(f"{options.model} is the posterior of {model.posterior_of}, not a prior: "
+              "the criteria are those of a sensor that is known so well already")
 
 
 def _algorithms(text):
@@ -112,9 +124,7 @@ def _targets_command(options, model):
         check_targets(hypotheses, options.target, rsd)
         check_trials(hypotheses, interval, options.duration, trials)
     plt = matplotlib_for_files() if options.plot else None
-    rows = []
-    print(f"shortest record [95 % interval], {trials} trials of {options.duration:g} s "
-          f"at most, seed {options.seed}")
+    rows, lines = [], []
     for sigma_v, hypotheses, interval in conditions:
         answer = record_length(hypotheses, interval, options.duration, options.target,
                                rsd, trials, options.seed,
@@ -127,7 +137,7 @@ def _targets_command(options, model):
                      if n.duration == n.duration else
                      f"not within {options.duration:g} s, {n.reached:.4g} there")
             line = f"{condition}: {n.label} {n.target:g}: {found}"
-            print("; ".join(filter(None, (line, n.reason))), flush=True)
+            lines.append("; ".join(filter(None, (line, n.reason))))
     if options.json:
         write_json(options.json, dict(seed=options.seed, trials=trials, needed=rows))
     if options.csv:
@@ -141,3 +151,7 @@ def _targets_command(options, model):
         write_text(options.csv, text.getvalue())
     if plt:
         save(draw_design(plt, rows, options.duration, model.unit), options.plot)
+    _say_posterior(options, model)
+    print(f"shortest record [95 % interval], {trials} trials of {options.duration:g} s "
+          f"at most, seed {options.seed}")
+    print("\n".join(lines))

@@ -4,18 +4,24 @@ import pathlib
 
 from sensorid import default_hypotheses
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, read, simulated_records, write_json, write_text)
+    check_outputs, progress_bar, read, refuse_unused, simulated_records, write_json,
+    write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
 from sensorlab.gap.effects import Scene, Simulator, describe
 from sensorlab.gap.report import report, table
-from sensorlab.modelfiles import Model, model_text, read_model
+from sensorlab.modelfiles import Model, check_onsets, model_text, read_model
 
 
 def run(options):
     if options.effects:
+        refuse_unused(options, "model", "simulated", "covariates", "out",
+                      why="does nothing beside --effects")
+        if options.record is None:
+            refuse_unused(options, "column", "dt", "resample", "allow_missing",
+                          why="goes with a record")
         return _list_effects(options)
     if options.record is None:
         raise ValueError("diagnose needs a record (--effects alone does without)")
@@ -25,21 +31,24 @@ def run(options):
     beside = None if options.covariates is None else [
         part for part in options.covariates.split(",") if part]
     record = read(options, model, beside)
-    unit = model.unit if model else "u"
+    unit = model.unit if model else record.unit or "u"
     simulated = simulated_records(options, record.dt) if options.simulated else None
+    simulator = _simulator(model, simulated, record)
     try:
-        d = diagnose(record.error, record.dt,
-                     _simulator(model, simulated, record), record.columns,
+        check_onsets(simulator, Scene(record.error, record.dt, {}))
+        d = diagnose(record.error, record.dt, simulator, record.columns,
                      seed=options.seed, progress=progress_bar, simulated=simulated)
     except ValueError as problem:
         raise ValueError(f"{options.model or record.file}: {problem}") from None
-    print(table(d, record, unit), end="")
     if folder:
         folder.mkdir(exist_ok=True)
         write_text(folder / "model.json",
-                   model_text(Model(record.dt, unit, augmented(d))))
+                   model_text(Model(record.dt, unit, augmented(d),
+                                    pathlib.Path(record.file).name)))
         write_json(folder / "report.json", report(d, record))
         save(draw_diagnosis(plt, d, record, unit), folder / "report.png")
+    print(table(d, record, unit), end="")
+    if folder:
         print(f"{folder}: report.json, report.png, model.json")
 
 

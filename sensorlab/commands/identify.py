@@ -1,5 +1,7 @@
 """python -m sensorid identify"""
 
+import pathlib
+
 import numpy as np
 
 from sensorid import (
@@ -28,15 +30,11 @@ def run(options):
     names = MODELS if names == "all" else names.split(",")
     hypotheses = (model.simulator.hypotheses if model else
                   default_hypotheses(y, dt, names))
-    unit = model.unit if model else "u"
+    unit = model.unit if model else record.unit or "u"
     posterior = identify(y, dt, hypotheses, progress=progress_bar)
     misfit = allan_misfit(y, dt, posterior.best)
 
-    print(f"{record.file}, column {record.column}: {len(y)} samples at {dt:g} s, "
-          f"{dt * len(y):g} s; {np.isnan(y).sum()} missing")
-    print(summary(posterior, unit))
     chosen = decide(posterior)
-    print(misfit.sentence)
     result = dict(
         record=dict(file=record.file, column=record.column, samples=len(y), dt=dt),
         decision=None if chosen is None else hypotheses[chosen].name,
@@ -52,10 +50,14 @@ def run(options):
     if options.json:
         write_json(options.json, result)
     if options.save_model:
-        write_text(options.save_model, model_text(
-            Model(dt, unit, Simulator((_narrowed(posterior.best),)))))
+        write_text(options.save_model, model_text(Model(
+            dt, unit, Simulator((_narrowed(posterior.best),)),
+            pathlib.Path(record.file).name)))
     if plt:
         save(draw_identify(plt, record, posterior, unit), options.plot)
+    print(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing")
+    print(summary(posterior, unit))
+    print(misfit.sentence)
 
 
 def _narrowed(e):
@@ -64,6 +66,6 @@ def _narrowed(e):
     """
     sds = np.sqrt(np.diag(e.covariance))
     return e.hypothesis._replace(parameters=tuple(
-        Parameter(p.symbol, max(p.low, m - 2 * sd), min(p.high, m + 2 * sd))
+        Parameter(p.symbol, max(p.low, m - 2 * sd), min(p.high, m + 2 * sd), p.log)
         if p.free else p
         for p, m, sd in zip(e.hypothesis.parameters, e.mean, sds)))

@@ -2,6 +2,8 @@
 
 import argparse
 
+from sensorlab.printable import printable
+
 
 # written out, as the help shall not wait for the modules that define them
 MODELS = ("white_noise", "random_walk", "markov", "random_walk_markov", "two_markov",
@@ -13,6 +15,9 @@ EFFECTS = (
     "g_sensitivity", "covariate", "hysteresis", "random_walk", "correlated_noise",
     "bias_instability", "bandwidth", "noise_step", "outliers", "random_telegraph",
     "quantization", "saturation", "stuck", "wrong_parameter")
+
+RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
+          "PX4 or .bin of ArduPilot")
 
 DESCRIPTION = """\
 sensorid says which error model a gyro or an accelerometer follows, with which
@@ -42,13 +47,24 @@ class _Parser(argparse.ArgumentParser):
     """Says in one line what is wrong."""
 
     def error(self, message):
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: {printable(message)}; see {self.prog} --help\n")
+
+
+class _Version(argparse.Action):
+    """Prints the version, which is imported only then."""
+
+    def __call__(self, parser, *rest):
+        from sensorid import __version__
+        print(f"sensorid {__version__}")
+        parser.exit()
 
 
 def parser():
     raw = argparse.RawDescriptionHelpFormatter
     root = _Parser(prog="sensorid", description=DESCRIPTION, epilog=EPILOG,
                      formatter_class=raw)
+    root.add_argument("--version", action=_Version, nargs=0,
+                      help="print the version and stop")
     commands = root.add_subparsers(dest="command", required=True, metavar="command",
                                      parser_class=_Parser)
 
@@ -58,18 +74,19 @@ def parser():
                     "Eqs. (3)-(14).",
         epilog="Without --model, priors come from sample characteristics "
                "of the record.")
-    one.add_argument("record", help="CSV with a header, .npz, .mat or .npy")
-    one.add_argument("--model", metavar="M.json", help="hypotheses and priors")
+    one.add_argument("record", type=_file, help=RECORD)
+    one.add_argument("--model", type=_file, metavar="M.json",
+                     help="hypotheses and priors")
     one.add_argument("--hypotheses", metavar="NAMES",
                      help="without --model: names, comma-separated, "
                           "or all (default white_noise,random_walk,markov)")
     _record_options(one)
-    one.add_argument("--json", metavar="OUT.json",
+    one.add_argument("--json", type=_file, metavar="OUT.json",
                      help="write the result, with Phi, Gamma, H, Psi")
-    one.add_argument("--save-model", metavar="OUT.json",
+    one.add_argument("--save-model", type=_file, metavar="OUT.json",
                      help="write the most probable model, "
                           "ready for simulate and criteria")
-    one.add_argument("--plot", metavar="OUT.png", help="draw the result")
+    one.add_argument("--plot", type=_file, metavar="OUT.png", help="draw the result")
 
     two = commands.add_parser(
         "criteria", help="how well the models of a file can be identified",
@@ -84,10 +101,11 @@ def parser():
                "--design dt=0.1,1 \\\n    --design sigma_v=0.1,0.5 --csv T.csv "
                "--plot T.png\n"
                "At another dt the random walk and the density of the white noise stay.")
-    two.add_argument("model", metavar="M.json", help="hypotheses and priors")
+    two.add_argument("model", type=_file, metavar="M.json",
+                     help="hypotheses and priors")
     two.add_argument("--duration", type=float, required=True, metavar="S",
                      help="record length, s; with a target, the longest in question")
-    two.add_argument("--trials", type=int, metavar="L",
+    two.add_argument("--trials", type=_count, metavar="L",
                      help="trials (default 500; 4000 with a target)")
     two.add_argument("--algorithms", metavar="NAMES",
                      help="put others through the same trials: all, or any of "
@@ -100,14 +118,15 @@ def parser():
     two.add_argument("--design", action="append", default=[], metavar="NAME=V,V,...",
                      help="answer the targets for every sampling interval dt, s, or "
                           "white noise sigma_v, u; may be repeated for a grid of both")
-    two.add_argument("--csv", metavar="OUT.csv", help="write the design table")
+    two.add_argument("--csv", type=_file, metavar="OUT.csv",
+                     help="write the design table")
     two.add_argument("--seed", type=_seed, default=0,
                      help="of the random numbers, >= 0 (default 0)")
-    two.add_argument("--checkpoint", metavar="FOLDER",
+    two.add_argument("--checkpoint", type=_file, metavar="FOLDER",
                      help="keep finished chunks of trials there; "
                           "the same command takes up an interrupted run")
-    two.add_argument("--json", metavar="OUT.json", help="write the result")
-    two.add_argument("--plot", metavar="OUT.png", help="draw the result")
+    two.add_argument("--json", type=_file, metavar="OUT.json", help="write the result")
+    two.add_argument("--plot", type=_file, metavar="OUT.png", help="draw the result")
 
     four = commands.add_parser(
         "diagnose", help="why a record differs from a simulator", formatter_class=raw,
@@ -118,12 +137,13 @@ def parser():
                "there.\n"
                "Without --model and --simulated, the simulator is white noise, random "
                "walk or\nMarkov process with priors from the record.")
-    four.add_argument("record", nargs="?", help="CSV with a header, .npz, .mat or .npy")
+    four.add_argument("record", nargs="?", type=_file, help=RECORD)
     four.add_argument("--effects", action="store_true",
                       help="define the effects that are looked for, and do no more")
     simulator = four.add_mutually_exclusive_group()
-    simulator.add_argument("--model", metavar="M.json", help="the simulator")
-    simulator.add_argument("--simulated", metavar="FILE",
+    simulator.add_argument("--model", type=_file, metavar="M.json",
+                           help="the simulator")
+    simulator.add_argument("--simulated", type=_file, metavar="FILE",
                            help="records of the simulator, error[L, N] or one column")
     _record_options(four)
     four.add_argument("--covariates", metavar="NAMES",
@@ -132,7 +152,7 @@ def parser():
                            "(default all, '' for none)")
     four.add_argument("--seed", type=_seed, default=0,
                       help="of the simulated records, >= 0 (default 0)")
-    four.add_argument("--out", metavar="DIR",
+    four.add_argument("--out", type=_file, metavar="DIR",
                       help="folder for report.json, report.png and model.json, "
                            "the simulator with the effects added")
 
@@ -141,34 +161,57 @@ def parser():
         description="Records from the prior of a model file; arrays error[L, N] "
                     "and dt, with the name of the true hypothesis and its "
                     "parameters.")
-    three.add_argument("model", metavar="M.json", help="the simulator")
+    three.add_argument("model", type=_file, metavar="M.json", help="the simulator")
     length = three.add_mutually_exclusive_group(required=True)
-    length.add_argument("--samples", type=int, metavar="N", help="samples of a record")
-    length.add_argument("--like", metavar="RECORD",
+    length.add_argument("--samples", type=_count, metavar="N",
+                        help="samples of a record")
+    length.add_argument("--like", type=_file, metavar="RECORD",
                         help="as long as this record, and with its gaps")
     _record_options(three)
-    three.add_argument("--records", type=int, default=1, metavar="L",
+    three.add_argument("--records", type=_count, default=1, metavar="L",
                        help="records (default 1)")
     three.add_argument("--seed", type=_seed, default=0,
                        help="of the random numbers, >= 0 (default 0)")
-    three.add_argument("--out", required=True, metavar="FILE.npz",
+    three.add_argument("--out", type=_file, required=True, metavar="FILE.npz",
                        help="file to be written")
     return root
 
 
-def _seed(text):
-    """A seed of the command line."""
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number >= 0")
+MOST = 10**8    # trials, samples or records: no machine serves more
+
+
+def _count(text):
+    """A number of things of the command line."""
+    if not text.isdecimal() or len(text) > 18 or not 1 <= int(text) <= MOST:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a whole number from 1 to {MOST}")
     return int(text)
 
 
+def _seed(text):
+    """A seed of the command line."""
+    if not text.isdecimal() or len(text) > 18:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a whole number from 0 to 10^18")
+    return int(text)
+
+
+def _file(text):
+    """The name of a file."""
+    if not text:
+        raise argparse.ArgumentTypeError(
+            "the name is empty: is a variable of the shell not set?")
+    return text
+
+
 def _record_options(parser):
-    parser.add_argument("--column", default="error", metavar="C",
-                        help="column of the sensor error (default error)")
+    parser.add_argument("--column", "--channel", type=_file, default="error",
+                        metavar="C",
+                        help="column of the sensor error, such as gyro[0] or "
+                             "imu/angular_velocity/x (default error)")
     parser.add_argument("--dt", type=float, metavar="S",
                         help="sampling interval, s "
-                             "(default: from the column time or the scalar dt)")
+                             "(default: from the clock of the record or the scalar dt)")
     parser.add_argument("--resample", action="store_true",
                         help="interpolate an uneven record onto even times")
     parser.add_argument("--allow-missing", action="store_true",

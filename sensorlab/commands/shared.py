@@ -8,13 +8,17 @@ import sys
 import numpy as np
 
 from sensorid import write_whole
+from sensorlab.commands.cache import forgive
 from sensorlab.gap.report import finite
-from sensorlab.records import loaded, read_record
+from sensorlab.readers import read as read_source, read_rows
+
+
+forgive()
 
 
 def progress_bar(done, total):
     """Progress on a terminal."""
-    if sys.stderr.isatty():
+    if sys.stderr and sys.stderr.isatty():
         filled = 30 * done // total
         print(f"\r[{'#' * filled}{'.' * (30 - filled)}] {done}/{total}",
               end="\n" if done == total else "", file=sys.stderr, flush=True)
@@ -25,15 +29,34 @@ def read(options, model=None, beside=()):
     of the model if there is one.
     """
     dt = options.dt
+    if dt is not None:
+        refuse_unused(options, "resample", why="does nothing beside --dt, which takes "
+                                               "the samples as even")
     if dt is None and model and pathlib.Path(options.record).suffix.lower() == ".npy":
         dt = model.dt
-    record = read_record(options.record, options.column, dt, options.resample,
+    record = read_source(options.record, options.column, dt, options.resample,
                          options.allow_missing, beside)
     if model and abs(record.dt - model.dt) > 0.01 * model.dt:
         raise ValueError(f"{options.record} is sampled at {record.dt:g} s, "
                          f"but the model is for dt = {model.dt:g} s: "
                          "its noises per sample do not apply")
     return record
+
+
+def refuse_unused(options, *names, why):
+    """Refuse options that would do nothing in this command."""
+    for name in names:
+        if getattr(options, name) not in (None, False, "error"):
+            raise ValueError(f"--{name.replace('_', '-')} {why}")
+
+
+def check_memory(samples, records=1):
+    """Refuse records that the machine cannot hold."""
+    pages = [os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_PAGE_SIZE")
+             if name in getattr(os, "sysconf_names", ())]
+    if len(pages) == 2 and 8 * samples * records > pages[0] * pages[1]:
+        raise MemoryError(f"{records} records of {samples} samples take "
+                          f"{8e-9 * samples * records:.3g} GB")
 
 
 def refuse_effects(file, model):
@@ -76,18 +99,9 @@ def write_json(file, value):
 
 def simulated_records(options, dt):
     """Records (L, N) of the simulator behind --simulated."""
-    file = pathlib.Path(options.simulated)
-    if file.suffix.lower() == ".npz" and file.is_file():
-        with loaded(file, np.load) as archive:
-            if "error" in archive.files and archive["error"].ndim == 2:
-                own = float(archive["dt"]) if "dt" in archive.files else dt
-                _check_interval(file, own, dt)
-                return np.asarray(archive["error"], float)
-    simulated = read_record(file, "error", options.dt)
-    _check_interval(file, simulated.dt, dt)
-    return simulated.error[None]
-
-
-def _check_interval(file, own, dt):
+    records = read_rows(options.simulated, options.dt)
+    own = records[0].dt
     if abs(own - dt) > 0.01 * dt:
-        raise ValueError(f"{file} is sampled at {own:g} s, the record at {dt:g} s")
+        raise ValueError(f"{options.simulated} is sampled at {own:g} s, the record at "
+                         f"{dt:g} s")
+    return np.array([record.error for record in records])

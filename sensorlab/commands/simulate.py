@@ -3,29 +3,35 @@
 import numpy as np
 
 from sensorid import write_whole
-from sensorlab.commands.shared import check_outputs, read
+from sensorlab.commands.shared import (
+    check_memory, check_outputs, read, refuse_unused)
 from sensorlab.gap.diagnosis import check_columns
 from sensorlab.gap.effects import Scene, simulate_effects
-from sensorlab.modelfiles import read_model
+from sensorlab.modelfiles import check_onsets, read_model
 
 
 def run(options):
     model = read_model(options.model)
     check_outputs([options.model, options.like], options.out)
-    if options.records < 1 or options.samples is not None and options.samples < 1:
-        raise ValueError("--records and --samples must be at least 1")
     needed = sorted({one.column for _, effects in model.simulator.pairs
                      for one in effects} - {""})
+    if not options.like:
+        refuse_unused(options, "column", "dt", "resample", "allow_missing",
+                      why="goes with --like: no record is read here")
     if needed and not options.like:
         raise ValueError(f"the effects of {options.model} need the column"
                          f"{'s' * (len(needed) > 1)} {', '.join(needed)}: "
                          "give a record that has them with --like")
-    scene = Scene(np.zeros(options.samples or 0), model.dt, {})
     if options.like:
         options.record = options.like
         like = read(options, model, beside=needed)
         scene = Scene(like.error, model.dt, like.columns)
         check_columns(like.error, like.columns)
+        check_memory(len(like.error), options.records)
+    else:
+        check_memory(options.samples, options.records)
+        scene = Scene(np.zeros(options.samples), model.dt, {})
+    check_onsets(model.simulator, scene)
     trials = simulate_effects(model.simulator, scene, options.records, options.seed)
     names = np.array([h.name for h in model.simulator.hypotheses])
     write_whole(options.out, lambda stream: np.savez(

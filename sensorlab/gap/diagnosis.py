@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import Parameter, brief, random_walk, rate_ramp, simulate
+from sensorid import Parameter, as_samples, brief, random_walk, rate_ramp, simulate
 from sensorlab.gap.account import Account, account, as_simulated, fixed
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
@@ -88,8 +88,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         a hypothesis is no sum of one-state processes, or the simulator has effects
         that cannot be in one.
     """
-    y = np.asarray(y, float)
-    columns = {name: np.asarray(x, float) for name, x in (columns or {}).items()}
+    y = as_samples(y)
+    columns = {name: as_samples(x) for name, x in (columns or {}).items()}
     check_scene(y, dt, columns)
     effects = tuple(CATALOGUE.values() if effects is None else effects)
     tell = _steps(progress)

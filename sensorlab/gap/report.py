@@ -104,8 +104,7 @@ def looks_like(factor, sd, dt):
 
 def table(d, record, unit):
     """The diagnosis as a table for a terminal."""
-    lines = [f"{record.file}, column {record.column}: {len(record.error)} samples at "
-             f"{record.dt:g} s; beside it: {', '.join(record.columns) or 'nothing'}",
+    lines = [f"{record.heading}; beside it: {', '.join(record.columns) or 'nothing'}",
              *_verdict(d), *_causes(d, record.dt, unit), *_where(d), *_closed(d, unit),
              *_advice(d)]
     return "\n".join(lines) + "\n"

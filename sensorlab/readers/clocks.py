@@ -1,0 +1,196 @@
+"""Clocks: the even sampling interval behind time stamps of any unit, with jitter, gaps
+or bursts.
+"""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+UNITS = {    # word of a name -> (unit, s)
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), ("s", 1.0)),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"),
+                    ("ms", 1e-3)),
+    **dict.fromkeys(("us", "\u00b5s", "\u03bcs", "usec", "usecs", "micros",
+                     "microsecond", "microseconds"), ("us", 1e-6)),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"),
+                    ("ns", 1e-9))}
+CLOCKS = {"time", "times", "timestamp", "timestamps", "stamp", "t", "date", "datetime",
+          "utc", "epoch", "clock"}
+BESIDE = {"host", "sensor", "device", "system", "log", "boot", "gps", "local", "unix",
+          "ros", "header", "since", "start", "elapsed", "in", "of", "the", "sample",
+          "sampling", "arrival", "received", "recorded"}
+WORDS = re.compile("(?:[A-Z]+(?![a-z])|[A-Z]?[a-z\u00b5\u03bc]+)[0-9]*")
+EPOCH = 9.4e8, 4.2e9    # s: the years 1999 to 2103
+
+
+def unit_of(name):
+    """(unit, s) of a clock by its name, such as timestamp [ns] or TimeUS; () where the
+    name says none, None where it is the name of no clock.
+    """
+    words = {word.lower() for word in WORDS.findall(name) if word != "T"}
+    units = sorted(words & UNITS.keys())
+    if len(units) < 2 and words - {*units} <= CLOCKS | BESIDE and (
+            words & CLOCKS or any(len(unit) > 2 for unit in units)):
+        return UNITS[units[0]] if units else ()
+    return None
+
+
+class Clock(NamedTuple):
+    """Where the samples of a record lie on an even grid."""
+
+    dt: float    # s
+    said: str    # where it comes from, in words
+    slots: np.ndarray = None    # (N,) place of every sample on the grid, a whole number
+                                # or, where it is to be interpolated, not; None: in turn
+
+    def placed(self, x):
+        """Values (N,) on the grid; NaN where there is none."""
+        if self.slots is None:
+            return x
+        size = int(self.slots[-1]) + 1
+        if self.slots.dtype.kind == "i":
+            even = np.full(size, np.nan)
+            even[self.slots] = x
+            return even
+        grid = np.arange(size)
+        after = np.searchsorted(self.slots, grid).clip(1, len(x) - 1)
+        even = np.interp(grid, self.slots, x)
+        even[self.slots[after] - self.slots[after - 1] > WIDE] = np.nan
+        return even
+
+
+WIDE = 2.5      # sampling intervals: a wider step of an uneven clock is a gap
+CLEAN = 0.25    # of an interval: steps this near to a multiple of it leave no doubt
+MOST = 100      # times as many samples as there are: a record with more gaps is none
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def clock(name, time, resample=False):
+    """`Clock` of the stamps of a record.
+
+    Parameters
+    ----------
+    name : str
+        Of the stamps; may say their unit.
+    time : (N,) array
+        Numbers, datetime64 or texts in ISO 8601.
+    resample : bool
+        Interpolate uneven stamps instead of refusing them.
+
+    Raises
+    ------
+    ValueError
+        If they do not increase, or no even clock explains them.
+    """
+    t, source = in_seconds(name, time)
+    step = np.diff(t)
+    if (step < 0.0).any() or 0 < (step == 0.0).sum() < 0.01 * len(step):
+        k = int(np.argmax(step <= 0.0))
+        raise ValueError(f"time does not increase from sample {k} ({t[k]:g} s after "
+                         f"the first) to the next ({t[k + 1]:g} s): sort the record, "
+                         "or give --dt if it is evenly sampled")
+    if len(t) < 2 or t[-1] == 0.0:
+        raise ValueError(f"the record has {len(t)} samples at {min(len(t), 1)} time")
+    usual = np.median(step) or step.mean()
+    found = _with_gaps(t, step, usual) or _with_jitter(t) or _in_bursts(t, step)
+    if found is None and t[-1] / usual > MOST * len(t):
+        raise ValueError(f"{len(t)} samples, usually {usual:g} s apart, are spread "
+                         f"over {t[-1]:g} s: cut the gap after sample {step.argmax()} "
+                         "out")
+    if found is None and not resample:
+        off = np.abs(step - usual)
+        raise ValueError(f"the record is uneven: the step after sample {off.argmax()} "
+                         f"is {step[off.argmax()]:g} s where {usual:g} s is usual; "
+                         "--resample interpolates it, --dt takes the samples as even")
+    if found is None:
+        dt = step[step < WIDE * step.mean()].mean()
+        found = Clock(dt, ", uneven, interpolated", t / dt)
+    return found._replace(said=f"dt {duration(found.dt)} from {source}{found.said}")
+
+
+def _with_gaps(t, step, usual):
+    """The clock if all steps are multiples of an interval."""
+    count = np.maximum(np.round(step / usual), 1.0)
+    dt = t[-1] / count.sum()
+    if np.abs(step - count * dt).max() > CLEAN * dt or count.sum() > MOST * len(t):
+        return None
+    lost = int(count.sum()) - len(step)
+    return Clock(dt, "", np.append(0, np.cumsum(count)).astype(int) if lost else None)
+
+
+def _with_jitter(t):
+    """The clock if no stamp is half an interval off, none missing."""
+    i = np.arange(len(t))
+    dt, start = np.polyfit(i, t, 1)
+    off = np.abs(t - start - dt * i).max() / dt
+    return Clock(dt, f", off by up to {100 * off:.0f} % of it") if off <= 0.5 else None
+
+
+def _in_bursts(t, step):
+    """The clock at the mean rate if stamps are of the arrival of whole bursts, as on a
+    serial port: most steps far below the mean, but never far off the mean rate.
+    """
+    i = np.arange(len(t))
+    usual, dt = np.median(step), t[-1] / i[-1]
+    off = np.abs(t - dt * i).max()
+    if usual > 0.5 * dt or off > min(max(200 * dt, 1e-3 * t[-1]), 0.1 * t[-1]):
+        return None
+    return Clock(dt, f" at the mean rate, {1 / dt:.4g} Hz: the stamps come in bursts, "
+                     f"usually {duration(usual)} apart, up to {off:.2g} s off")
+
+
+def in_seconds(name, time):
+    """Stamps in s after the first, and what they are in words.
+
+    A unit is taken from the name; without one an epoch is known by its size, whole
+    numbers with steps of 1000 and more are us, from 10^6 on ns, all else is s.
+    """
+    if time.dtype.kind not in "iufM":
+        time = _dates(name, time)
+    dates = time.dtype.kind == "M"
+    bad = np.isnat(time) if dates else ~np.isfinite(time)
+    if bad.any():
+        raise ValueError(f"time of sample {np.argmax(bad)} is {time[np.argmax(bad)]}: "
+                         "a number is needed")
+    if dates:
+        time = time.astype("datetime64[ns]").astype(np.int64)
+        scale, source = 1e-9, f"{name}, dates"
+    else:
+        unit, scale = unit_of(name) or _plausible(time)
+        source = name if unit_of(name) or unit == "s" else f"{name}, taken as {unit}"
+    if time.dtype.kind == "u":
+        time = time.astype(np.int64)
+    return (time - time[:1]).astype(float) * scale, source
+
+
+def _dates(name, texts):
+    import pandas
+    dates = pandas.to_datetime(pandas.Series(list(map(str, texts))), format="ISO8601",
+                               utc=True, errors="coerce").dt.tz_localize(None)
+    if dates.isna().any():
+        k = int(dates.isna().argmax())
+        raise ValueError(f"{name} of sample {k} is {str(texts[k])[:40]!r}: neither a "
+                         "number nor a date as in ISO 8601, 2026-01-31T12:00:00.5Z")
+    return dates.to_numpy("datetime64[ns]")
+
+
+def _plausible(time):
+    """(unit, s) of stamps whose name says none."""
+    if not len(time):
+        return UNITS["s"]
+    largest, step = np.abs(time).max(), np.diff(time)
+    for unit in ("s", "ms", "us", "ns"):
+        if EPOCH[0] < largest * UNITS[unit][1] < EPOCH[1] and unit != "s":
+            return UNITS[unit]
+    whole = len(step) and (time == np.round(time)).all()
+    usual = np.abs(np.median(step.astype(float)) or step.mean()) if whole else 0.0
+    return UNITS["s" if usual < 1e3 else "us" if usual < 1e6 else "ns"]
+
+
+def duration(seconds):
+    """A time in its unit, as text."""
+    for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if seconds >= 0.9995 * factor:
+            break
+    return f"{seconds / factor:.6g} {unit}"

@@ -1,0 +1,190 @@
+"""Delimited text: CSV and its dialects, packed or not, by pandas.
+
+Separators are told by the header and the first rows; lines that start with # are
+comments, but the last above the numbers may be the header, as in EuRoC's
+#timestamp [ns],w_RS_S_x [rad s^-1]. With other separators a comma is the decimal one.
+"""
+
+import bz2
+import csv
+import gzip
+import io
+import itertools
+import lzma
+import re
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from sensorlab.readers.channels import Group
+
+MAX_BYTES = 4 * 2**30    # what a packed file may unpack to
+PACKED = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
+SEPARATORS = ",", ";", "\t", "|", r"\s+"
+SNIFFED, LONG = 200, 65536    # lines, and characters of them, that tell the dialect
+NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.I)
+MISSING = "", "NA", "N/A", "NULL", "NAN", "NONE"
+
+
+class Dialect(NamedTuple):
+    """How a text is laid out."""
+
+    separator: str
+    decimal: str
+    skip: int       # lines above the first row
+    names: list     # of its columns; "" where the header names none
+
+
+def read(file):
+    with _opened(file) as stream:
+        lines = [stream.readline(LONG) for _ in range(SNIFFED)]
+    dialect = _dialect(lines)
+    table = _table(file, dialect)
+    arrays, refused = {}, {}
+    for k, name in enumerate(dialect.names):
+        if name in arrays:
+            refused[name] = f"the header names {name} more than once"
+        elif name:
+            arrays[name], wrong = _column(file, dialect, name, table.iloc[:, k])
+            if wrong:
+                refused[name] = wrong
+    return [Group(arrays, refused=refused)]
+
+
+def _opened(file):
+    """The text of a file, unpacked."""
+    kind = file.suffix.lower()
+    stream = _Limited(PACKED[kind](file)) if kind in PACKED else open(file, "rb")
+    start = stream.read(2)
+    stream.seek(0)
+    encoding = ("utf-16" if start in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+    return io.TextIOWrapper(stream, encoding, errors="replace", newline="")
+
+
+class _Limited(io.BufferedReader):
+    """A packed stream that ends with a sentence where it holds more than it may."""
+
+    def __init__(self, stream):
+        super().__init__(stream)
+        self.left = MAX_BYTES
+
+    def read(self, size=-1):
+        return self._counted(super().read(size))
+
+    def read1(self, size=-1):
+        return self._counted(super().read1(size))
+
+    def _counted(self, part):
+        self.left -= len(part)
+        if self.left < 0:
+            raise ValueError(f"unpacks to more than {MAX_BYTES / 2**30:.3g} GiB")
+        return part
+
+
+def _cells(line, separator):
+    line = line.strip("\r\n")
+    if separator == r"\s+":
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader(
+        [line], delimiter=separator, skipinitialspace=True), [])]
+
+
+def _numeric(cells):
+    return bool(cells) and all(NUMBER.fullmatch(c) or c.upper() in MISSING
+                               for c in cells) and any(map(NUMBER.fullmatch, cells))
+
+
+def _dialect(lines):
+    """`Dialect` of a text from its first lines."""
+    if any("\x00" in line for line in lines):
+        raise ValueError("holds NUL bytes: it is no text")
+    full = [(k, line) for k, line in enumerate(lines) if line.strip()]
+    plain = [(k, line) for k, line in full if not line.lstrip().startswith(("#", "%"))]
+    above = [(k, line) for k, line in full if (k, line) not in plain
+             and (not plain or k < plain[0][0])]
+    if not plain:
+        raise ValueError("no header and no row of numbers: a record has a line of "
+                         "names, such as time,error, and a line for every sample")
+    first, rows = plain[0], [line for _, line in plain[:20]]
+    separator, numeric = _separator(rows)
+    if not numeric:
+        header, skip, rows = first[1], first[0] + 1, rows[1:]
+    elif above and len(_cells(_bare(above[-1][1]), separator)) == len(
+            _cells(first[1], separator)) and not _numeric(
+            _cells(_bare(above[-1][1]), separator)):
+        header, skip = _bare(above[-1][1]), first[0]
+    else:
+        header, skip = None, first[0]
+    width = len(_cells(rows[0], separator)) if rows else 0
+    names = [f"{k}" for k in range(1, width + 1)] if header is None else _cells(
+        header, separator)
+    if header is None and width == 1:
+        names = ["error"]
+    if any(_cells(rows[0], separator)[len(names):] if rows else ()):
+        raise ValueError(f"the header has {len(names)} names but the first row "
+                         f"{width} cells: a decimal comma needs another separator, "
+                         "such as ;")
+    comma = separator != "," and any(
+        re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell)
+        for line in rows for cell in _cells(line, separator))
+    return Dialect(separator, "," if comma else ".", skip,
+                   names + [""] * (width - len(names)))
+
+
+def _bare(comment):
+    return comment.lstrip().lstrip("#%").strip()
+
+
+def _separator(rows):
+    """The separator of rows, of which the first may be a header, and whether that is
+    numbers too.
+    """
+    def fits(separator):
+        cells = [_cells(row, separator) for row in rows[:20]]
+        below = [len(c) for c in cells[1:]] or [len(cells[0])]
+        usual = max(set(below), key=below.count)
+        return (usual > 1 and len(cells[0]) in (usual, usual - 1),
+                len(cells[0]) > 1, any(map(_numeric, cells[1:])))
+    separator = max(SEPARATORS, key=fits)
+    if not fits(separator)[1]:
+        separator = ","    # a single column
+    return separator, _numeric(_cells(rows[0], separator))
+
+
+def _table(file, dialect):
+    import pandas
+    with _opened(file) as stream, warnings.catch_warnings():
+        warnings.simplefilter("error", pandas.errors.ParserWarning)
+        for _ in range(dialect.skip):    # pandas would mind the quotes in comments
+            stream.readline(LONG)
+        try:
+            return pandas.read_csv(
+                stream, sep=dialect.separator, decimal=dialect.decimal, header=None,
+                names=range(len(dialect.names)), comment="#", skipinitialspace=True,
+                index_col=False, low_memory=False)
+        except pandas.errors.EmptyDataError:
+            return pandas.DataFrame({k: [] for k in range(len(dialect.names))})
+
+
+def _column(file, dialect, name, x):
+    """A column as numbers, as texts where few of them are, and what is wrong with it.
+    """
+    import pandas
+    if x.dtype.kind in "iufb":
+        return x.to_numpy(), None
+    text = x.astype("string").str.strip()
+    if dialect.decimal == ",":
+        text = text.str.translate({ord(","): ".", ord("."): "?"})
+    number = pandas.to_numeric(text, errors="coerce")
+    values = number.to_numpy(float, na_value=np.nan)
+    bad = (number.isna() & x.notna() & ~text.str.upper().isin(MISSING)).to_numpy(bool)
+    if not bad.any():
+        return values, None
+    k = int(bad.argmax())
+    with _opened(file) as stream:
+        rows = (number for number, line in enumerate(stream, 1) if number > dialect.skip
+                and line.strip() and not line.startswith("#"))
+        line = next(itertools.islice(rows, k, None))
+    return x.to_numpy(object) if bad.mean() > 0.5 else values, (
+        f"line {line}: {str(x.iloc[k])[:40]!r} in column {name} is not a number")

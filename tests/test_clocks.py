@@ -1,0 +1,134 @@
+"""Time stamps of any unit, and the even clock behind them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sensorlab.readers.clocks import clock, duration, in_seconds, unit_of
+
+I = np.arange(1000)
+RNG = np.random.default_rng(5)
+
+
+@pytest.mark.parametrize("name, unit", [
+    ("time", ()), ("t", ()), ("Timestamp", ()), ("TimeUS", "us"), ("time_ms", "ms"),
+    ("timestamp [ns]", "ns"), ("#timestamp [ns]", "ns"), ("time (s)", "s"),
+    ("timestamp_\u00b5s", "us"), ("seconds", "s"), ("header/stamp [ns]", "ns"),
+    ("Time since boot [usec]", "us"), ("t_sec", "s"), ("seconds_elapsed", "s")])
+def test_a_clock_and_its_unit_are_known_by_name(name, unit):
+    found = unit_of(name)
+    assert found == unit or found[0] == unit
+
+
+@pytest.mark.parametrize("name", ["error", "temperature", "s", "mag_t", "us", "",
+                                  "settings", "rate [rad/s]", "gyro_x", "times_two",
+                                  "T", "T [degC]", "t0", "T_s"])
+def test_what_is_no_clock_is_not_taken_for_one(name):
+    assert unit_of(name) is None
+
+
+@pytest.mark.parametrize("time, said", [
+    (0.01 * I, "dt 10 ms from time"),
+    (1.7e9 + 0.01 * I, "dt 10 ms from time"),
+    (1_700_000_000_000 + 10 * I, "dt 10 ms from time, taken as ms"),
+    (1_700_000_000_000_000 + 10_000 * I, "dt 10 ms from time, taken as us"),
+    (1_700_000_000_000_000_000 + 10_000_000 * I, "dt 10 ms from time, taken as ns"),
+    ((4000 * I).astype(np.uint64), "dt 4 ms from time, taken as us"),
+    (5_000_000.0 * I, "dt 5 ms from time, taken as ns"),
+    (60 * I, "dt 60 s from time"),
+    (pd.date_range("2026-01-31", periods=1000, freq="5ms").to_numpy(),
+     "dt 5 ms from time, dates"),
+    (pd.date_range("2026-01-31", periods=1000, freq="5ms", tz="UTC").map(
+        lambda d: d.isoformat()).to_numpy(object), "dt 5 ms from time, dates")])
+def test_units_are_told_by_their_size_and_said(time, said):
+    assert clock("time", time).said == said
+
+
+def test_a_name_goes_before_the_size():
+    assert clock("time_ms", 4000 * I).said == "dt 4 s from time_ms"
+
+
+def test_nanoseconds_of_an_epoch_keep_their_last_digit():
+    stamps = 1_700_000_000_000_000_001 + 7 * I.astype(np.int64)
+    assert_allclose(in_seconds("t [ns]", stamps)[0], 7e-9 * I, rtol=1e-12)
+
+
+def test_jitter_up_to_half_an_interval_is_even():
+    time = 0.01 * I + RNG.uniform(-0.0045, 0.0045, 1000)
+    found = clock("time", np.maximum.accumulate(time))
+    assert found.slots is None and "off by up to" in found.said
+    assert_allclose(found.dt, 0.01, rtol=1e-4)
+
+
+def test_stamps_that_were_rounded_are_even():
+    found = clock("time", np.round(0.004 * I, 2))
+    assert found.slots is None
+    assert_allclose(found.dt, 0.004, rtol=2e-3)    # of the last stamp
+
+
+def test_gaps_of_a_clock_that_jitters_become_missing():
+    keep = np.delete(I, [5, 6, 700])
+    time = 0.01 * keep + RNG.uniform(-0.001, 0.001, len(keep))
+    found = clock("time", time)
+    assert_array_equal(found.slots, keep)
+    assert_array_equal(np.flatnonzero(np.isnan(found.placed(time))), [5, 6, 700])
+
+
+@pytest.mark.parametrize("resample", [False, True])
+def test_bursts_are_sorted_by_the_mean_rate(resample):
+    arrival = np.ceil(0.01 * I / 0.064) * 0.064 + 0.002 * (I % 6)    # as of a port
+    found = clock("t", np.sort(arrival), resample)
+    assert "at the mean rate" in found.said and "bursts" in found.said
+    assert found.slots is None
+    assert_allclose(found.dt, 0.01, rtol=0.01)
+
+
+def test_an_uneven_clock_is_interpolated_at_its_mean_step_if_asked():
+    time = np.cumsum(RNG.choice([0.5, 0.8, 1.7], 1000))
+    with pytest.raises(ValueError, match="the record is uneven: the step after"):
+        clock("time", time)
+    found = clock("time", time, resample=True)
+    assert_allclose(found.dt, np.diff(time).mean(), rtol=1e-9)
+    seen = found.placed(3.0 * time)
+    even = time[0] + found.dt * np.arange(len(seen))
+    assert_allclose(seen[~np.isnan(seen)], 3.0 * even[~np.isnan(seen)], rtol=1e-6)
+
+
+def test_bursts_far_apart_are_bursts():
+    time = np.sort(0.64 * (I // 64) + 1e-6 * (I % 64))
+    assert "at the mean rate" in clock("t", time).said
+
+
+def test_a_gap_in_a_short_record_is_no_burst():
+    time = np.cumsum(np.r_[RNG.uniform(0.6, 1.4, 20), 100.3, RNG.uniform(0.6, 1.4, 19)])
+    with pytest.raises(ValueError, match="the record is uneven"):
+        clock("t", time)
+
+
+@pytest.mark.parametrize("time, message", [
+    (np.r_[I, 3.0], r"does not increase from sample 999 \(999 s after the first\)"),
+    (np.r_[I[:9], I[8:]], "does not increase from sample 8"),
+    (np.zeros(50), "50 samples at 1 time"), (np.zeros(1), "1 samples at 1 time"),
+    (np.r_[I, 1e9], "cut the gap after sample 999 out"),
+    (np.r_[0.0, np.nan, I[2:]], "time of sample 1 is nan: a number is needed"),
+    (np.array(["2026-01-31", "yesterday"], object), "'yesterday': neither a number"),
+    (np.array(["2026-01-31", "NaT"], "datetime64[ns]"), "time of sample 1 is NaT")])
+def test_what_is_no_clock_gets_one_sentence(time, message):
+    with pytest.raises(ValueError, match=message):
+        clock("time", time)
+
+
+@pytest.mark.parametrize("seconds, text", [
+    (2.0, "2 s"), (0.1, "100 ms"), (0.0099999, "9.9999 ms"), (1e-6, "1 us"),
+    (1e-9, "0.001 us"), (0.99999, "0.99999 s")])
+def test_a_duration_is_told_in_its_unit(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_the_bursts_of_a_real_serial_port(real):
+    with np.load(real / "mpu6050_static10min_temp.npz") as z:
+        found = clock("t", z["t"], resample=True)
+    assert found.slots is None and "at the mean rate, 99.32 Hz" in found.said
+    with np.load(real / "xsens_mti_multipos.npz") as z:    # 9.0 to 10.4 ms
+        assert_allclose(clock("t", z["t"]).dt, 0.01, rtol=2e-4)

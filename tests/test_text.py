@@ -1,0 +1,129 @@
+"""CSV and its dialects."""
+
+import bz2
+import gzip
+import lzma
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sensorlab import read
+from sensorlab.readers import text
+
+Y = np.round(np.random.default_rng(1).normal(size=40), 6)
+ROWS = list(zip(np.round(0.02 * np.arange(40), 2).tolist(), Y.tolist()))
+
+
+def dialect(separator, header, decimal=".", end="\n", tail=""):
+    lines = [header] + [f"{t}{separator}{y}{tail}".replace(".", decimal)
+                        for t, y in ROWS]
+    return end.join(lines) + end
+
+
+@pytest.mark.parametrize("content", [
+    dialect(",", "time,error"),
+    dialect(", ", "time, error"),
+    dialect(";", "time;error"),
+    dialect(";", "time;error", decimal=","),
+    dialect("\t", "time\terror", decimal=","),
+    dialect("\t", "time\terror"),
+    dialect("|", "time|error"),
+    dialect("  ", "time error"),
+    dialect(" ", "  time   error", decimal=","),
+    dialect(",", "time,error", end="\r\n"),
+    dialect(",", "time,error", tail=","),
+    dialect(",", "time,error,", tail=","),
+    dialect(",", "# a gyro, 50 Hz\n\n# warm\ntime,error"),
+    dialect(",", '# a 5" gyro\n#time,error') + '#"\n',
+    dialect(",", '# a 5" gyro\ntime,error,n', tail=',"in"'),
+    dialect(",", "% time,error"),
+    dialect(",", '"time","error"'),
+    dialect(",", "time [s],error [deg/h]"),
+    dialect(",", "Time (s),error (deg/h)"),
+    dialect(",", "time,error,note", tail=',"sun, wind"'),
+    dialect(",", "time,error", tail="  # fine"),
+    dialect(",", "\ufefftime,error"),
+    dialect(",", "time,error").replace(f",{Y[7]}\n", f",{Y[7]}\n\n# knocked\n")])
+def test_every_dialect_gives_the_same_record(tmp_path, content):
+    (tmp_path / "r.csv").write_text(content, encoding="utf-8", newline="")
+    record = read(tmp_path / "r.csv")
+    assert_array_equal(record.error, Y)
+    assert_allclose(record.dt, 0.02, rtol=1e-9)
+    assert record.unit in ("", "deg/h")
+
+
+def test_utf_16_and_packed_files_are_read(tmp_path):
+    content = dialect(";", "time;error", decimal=",")
+    (tmp_path / "r.txt").write_text(content, encoding="utf-16")
+    assert_array_equal(read(tmp_path / "r.txt").error, Y)
+    for kind, pack in ((".gz", gzip), (".bz2", bz2), (".xz", lzma)):
+        (tmp_path / f"r.csv{kind}").write_bytes(pack.compress(content.encode()))
+        assert_array_equal(read(tmp_path / f"r.csv{kind}").error, Y)
+
+
+def test_euroc_names_its_columns_in_a_comment(tmp_path):
+    """The header of the EuRoC MAV dataset, imu0/data.csv."""
+    start = 1403636579758555392
+    (tmp_path / "data.csv").write_text(
+        "#timestamp [ns],w_RS_S_x [rad s^-1],a_RS_S_x [m s^-2]\n" + "".join(
+            f"{start + 5_000_000 * i},{y},{9.81 + 0.01 * y}\n"
+            for i, y in enumerate(Y)))
+    record = read(tmp_path / "data.csv", "w_RS_S_x", beside=None)
+    assert_array_equal(record.error, Y)
+    assert record.unit == "rad s^-1" and list(record.columns) == ["a_RS_S_x"]
+    assert record.heading.endswith("column w_RS_S_x [rad s^-1]: 40 samples, dt 5 ms "
+                                   "from #timestamp [ns]".replace("#", ""))
+
+
+def test_rostopic_names_its_columns_after_a_percent_sign(tmp_path):
+    """As written by `rostopic echo -b FILE -p /imu`."""
+    (tmp_path / "imu.csv").write_text(
+        "%time,field.header.seq,field.angular_velocity.x,field.angular_velocity.y\n"
+        + "".join(f"{1403636579758555392 + 5_000_000 * i},{i},{y},0\n"
+                  for i, y in enumerate(Y)))
+    for name in ("angular_velocity/x", "angular_velocity.x", "angular_velocity[0]"):
+        record = read(tmp_path / "imu.csv", name)
+        assert_array_equal(record.error, Y)
+        assert record.clock == "dt 5 ms from time, taken as ns"
+
+
+def test_a_file_without_a_header_goes_by_number(tmp_path):
+    (tmp_path / "one.txt").write_text("\n".join(map(str, Y)))
+    assert_array_equal(read(tmp_path / "one.txt", dt=0.02).error, Y)
+    (tmp_path / "two.txt").write_text(dialect(",", "").lstrip())
+    assert_array_equal(read(tmp_path / "two.txt", "2", dt=0.02).error, Y)
+
+
+def test_the_dates_of_a_logger_are_a_clock(tmp_path):
+    (tmp_path / "r.csv").write_text("timestamp,error\n" + "".join(
+        f"2026-01-31T12:00:{i / 50:09.6f}+01:00,{y}\n" for i, y in enumerate(Y)))
+    record = read(tmp_path / "r.csv")
+    assert record.clock == "dt 20 ms from timestamp, dates"
+    assert_array_equal(record.error, Y)
+
+
+@pytest.mark.parametrize("content, message", [
+    ("", "no header and no row"), ("# nothing\n", "no header and no row"),
+    ("time,error\x00\n1,2\n", "holds NUL bytes"),
+    ("time,error\n1,2\n1,2,3\n", "Expected 2 fields in line 2, saw 3"),
+    ('time,error\n1,"2\n', "EOF inside string"),
+    (dialect(";", "time;error", decimal=",").replace("0,04", "1.000,04"),
+     "'1.000,04' in column time"),
+    (dialect(",", "time,error").replace("0.04,", "0x1,"), "line 4: '0x1' in column t"),
+    (dialect(",", "time,error,error", tail=",1"), "names error more than once")])
+def test_what_is_no_table_gets_one_sentence(tmp_path, content, message):
+    (tmp_path / "r.csv").write_text(content)
+    with pytest.raises(ValueError, match=message):
+        read(tmp_path / "r.csv")
+
+
+def test_a_packed_file_is_not_unpacked_beyond_what_it_may(tmp_path, monkeypatch):
+    with gzip.open(tmp_path / "r.csv.gz", "wt") as stream:
+        stream.write("time,error\n" + "0,0\n" * 10**6)
+    monkeypatch.setattr(text, "MAX_BYTES", 2**20)
+    with pytest.raises(ValueError, match="unpacks to more than 0.000977 GiB"):
+        read(tmp_path / "r.csv.gz")
+    (tmp_path / "s.csv.gz").write_bytes((tmp_path / "r.csv.gz").read_bytes()[:500])
+    with pytest.raises(ValueError, match="read as .gz: Compressed file ended"):
+        read(tmp_path / "s.csv.gz")
