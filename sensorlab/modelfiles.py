@@ -9,8 +9,13 @@ import numpy as np
 
 from sensorid import (
     Parameter, as_number, as_parameter, hypothesis, identify)
+from sensorlab.foreign import translated
+from sensorlab.foreign.parts import markov_from_start
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Found, Scene, Simulator
+
+
+FOREIGN = dict(markov_from_start=markov_from_start)    # models beside MODELS
 
 
 class Model(NamedTuple):
@@ -21,8 +26,9 @@ class Model(NamedTuple):
     simulator: Simulator
 
 
-def read_model(file):
-    """Model from a JSON file.
+def read_model(file, dt=None):
+    """Model from a JSON file, a data sheet or another program's file; see
+    `sensorlab.foreign` for the latter, and for `dt`.
 
     The file holds `dt`, s, optionally `unit`, `bias_sigma` (1) and `prior` ("uniform"
     or "log"), and `hypotheses`: a list of `name`, a name in MODELS, and `parameters`,
@@ -35,13 +41,10 @@ def read_model(file):
     ValueError
         With one sentence on what is wrong with the file.
     """
+    text = translated(file, dt)
     file = pathlib.Path(file)
-    if not file.is_file():
-        raise ValueError(f"{file}: no such model file")
-    try:
-        text = json.loads(file.read_text(encoding="utf-8-sig"))
-    except (ValueError, OSError, RecursionError) as problem:
-        raise ValueError(f"{file}: not a JSON model file: {problem}") from None
+    if text is None:
+        text = _json(file)
     try:
         if not isinstance(text, dict) or not text.get("hypotheses"):
             raise ValueError("no hypotheses: a model file needs a list of at least one")
@@ -65,6 +68,16 @@ def read_model(file):
         raise ValueError(f"{file}: {problem}") from None
     return Model(dt, str(text.get("unit", "u")),
                  Simulator(hypotheses, effects if any(effects) else ()))
+
+
+def _json(file):
+    """Content of a JSON model file."""
+    if not file.is_file():
+        raise ValueError(f"{file}: no such model file")
+    try:
+        return json.loads(file.read_text(encoding="utf-8-sig"))
+    except (ValueError, OSError, RecursionError) as problem:
+        raise ValueError(f"{file}: not a JSON model file: {problem}") from None
 
 
 # shapes of what readings take; None is any number
@@ -140,7 +153,8 @@ def _hypothesis_from(entry, text):
     strange = {"name", "model", "prior", "bias_sigma"} & parameters.keys()
     if strange:
         raise ValueError(f"{entry['name']} has no parameter {strange.pop()}")
-    return hypothesis(entry["name"], name=entry.get("label"),
+    return hypothesis(FOREIGN.get(entry["name"], entry["name"]),
+                      name=entry.get("label"),
                       bias_sigma=entry.get("bias_sigma", text.get("bias_sigma", 1.0)),
                       prior=entry.get("prior", text.get("prior", "uniform")),
                       **parameters)

@@ -58,8 +58,8 @@ ROOMS = {    # of the laboratory; each takes only from those before it
     "sensorlab/gap": ["effects", "catalogue", "kernels", "filters", "evidence",
                       "signatures", "readings", "account", "causes", "places",
                       "distance", "closure", "diagnosis", "report"],
-    "sensorlab": ["gap", "rivals", "planning", "records", "modelfiles", "drawings",
-                  "commands"]}
+    "sensorlab": ["gap", "rivals", "planning", "records", "units", "foreign",
+                  "modelfiles", "exports", "drawings", "commands"]}
 
 
 def imported(file):

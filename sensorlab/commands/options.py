@@ -14,6 +14,9 @@ EFFECTS = (
     "noise_step", "outliers", "random_telegraph", "quantization", "saturation", "stuck",
     "wrong_parameter")
 
+TARGETS = ("kalibr", "gazebo", "matlab", "px4", "gtsam", "openvins", "vins", "ros",
+           "isaac", "numpy")
+
 DESCRIPTION = """\
 sensorid says which error model a gyro or an accelerometer follows, with which
 parameters, and how well that can be known at all (Stepanov and Motorin,
@@ -153,6 +156,33 @@ def parser():
                        help="of the random numbers, >= 0 (default 0)")
     three.add_argument("--out", required=True, metavar="FILE.npz",
                        help="file to be written")
+
+    five = commands.add_parser(
+        "export", help="write a model for the program that uses it",
+        formatter_class=raw,
+        description="The sensor of a model file in the format of another program, "
+                    "which says its\nconvention in a comment.",
+        epilog="sensorid export gyro.json accel.json --to kalibr --horizon 60 "
+               "--out imu.yaml\n"
+               "Programs of two numbers, noise density and walk, get the smallest pair "
+               "that bounds\nthe integrated error up to the horizon; the fitted pair "
+               "stands beside it.")
+    five.add_argument("models", nargs="+", metavar="M.json",
+                      help="of a gyroscope, of an accelerometer or of both")
+    five.add_argument("--to", required=True, choices=TARGETS, metavar="PROGRAM",
+                      help=", ".join(TARGETS))
+    five.add_argument("--horizon", type=float, default=60.0, metavar="S",
+                      help="integration time that the two numbers bound, s (default 60)")
+    five.add_argument("--pair", choices=("bound", "fitted", "x10"), default="bound",
+                      help="which pair is written (default bound)")
+    five.add_argument("--unit", metavar="U",
+                      help="of a model that does not say it, such as deg/s")
+    five.add_argument("--dt", type=float, metavar="S",
+                      help="sampling interval of a file that does not say it, s")
+    five.add_argument("--duration", type=float, default=3600.0, metavar="S",
+                      help="of the records behind a bias_instability, s (default 3600)")
+    five.add_argument("--out", metavar="FILE", help="file to be written "
+                                                    "(default: standard output)")
     return root
 
 
