@@ -33,6 +33,11 @@ milli- = 1e-3 = m-
 kilo- = 1e3 = k-"""
 
 ROOT = re.compile(r"(?:sqrt|√)\s*\(?\s*([A-Za-zµμ°]+)\s*\)?")
+# a number, then units, with exponents of one digit: 9**9**9 must not be computed
+WRITTEN = re.compile(r"\s*(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)?"
+                     r"(?:[A-Za-z°µμ²³\s()*/]"
+                     r"|(?<=[A-Za-z°µμ)])\s*(?:\^|\*\*)\s*-?\d(?:\.\d+)?)*")
+LONGEST = 200    # characters
 SI = {"rad/s": "gyroscope", "m/s^2": "accelerometer"}
 
 
@@ -50,7 +55,7 @@ def registry():
 
 
 def quantity(text):
-    """A quantity such as "0.05 deg/s/sqrt(Hz)"; a unit alone counts once.
+    """A quantity such as "0.05 deg/s/sqrt(Hz)"; a unit alone stands for 1 of it.
 
     Raises
     ------
@@ -63,16 +68,16 @@ def quantity(text):
     0.00980665
     """
     units = registry()
-    try:
-        found = units.Quantity(ROOT.sub(r"\1**0.5", text))
-        if np.isfinite(float(found.magnitude)):
-            return found
-    except MemoryError:
-        raise
-    except Exception:    # pint and the tokenizer below it raise many kinds
-        pass
-    raise ValueError(f"{text!r} is no quantity: a number and a unit are needed, such as "
-                     "0.05 deg/s/sqrt(Hz), 30 ug/sqrt(Hz), 0.3 deg/sqrt(h), 10 deg/h, "
+    plain = ROOT.sub(r"\1**0.5", text) if isinstance(text, str) else ""
+    if len(plain) <= LONGEST and WRITTEN.fullmatch(plain):
+        try:
+            found = units.Quantity(plain)
+            if np.isfinite(float(found.magnitude)):
+                return found
+        except Exception:    # pint and the tokenizer below it raise many kinds
+            pass
+    raise ValueError(f"{text!r} is no quantity: a number and a unit are needed, such as"
+                     " 0.05 deg/s/sqrt(Hz), 30 ug/sqrt(Hz), 0.3 deg/sqrt(h), 10 deg/h, "
                      "m/s^2 or mg (milli-g)")
 
 
@@ -188,16 +193,15 @@ def quoted(parameters, dt, unit, report=()):
                             shown))
     for r in report:
         if r not in used:
-            raise ValueError(f"--report {r} fits no parameter of this model: they are "
+            raise ValueError(f"{r} fits no parameter of this model: they are "
                              + ", ".join(f"{q.name} in {q.unit}" for q in found))
     return tuple(found)
 
 
-def quote_table(parameters, dt, unit, report=()):
-    """Lines of text: every parameter as the field quotes it."""
+def quote_table(found):
+    """What `quoted` gives as lines of text."""
     return "\n".join(f"{q.name:<34}{q.mean:.4g}" + (f" +- {q.sd:.2g}" if q.sd else "")
-                     + f" {q.unit}    ({q.formula})"
-                     for q in quoted(parameters, dt, unit, report))
+                     + f" {q.unit}    ({q.formula})" for q in found)
 
 
 # ---- data sheets say more than our models
@@ -212,8 +216,8 @@ def low_pass_time(bandwidth):
     return 1.0 / (2.0 * np.pi * bandwidth)
 
 
-FLOOR = np.sqrt(2.0 * np.log(2.0) / np.pi)    # Allan deviation of flicker noise over its
-                                              # B, IEEE Std 952-1997, Annex C.1.3
+# Allan deviation of flicker noise over its B, IEEE Std 952-1997, Annex C
+FLOOR = np.sqrt(2.0 * np.log(2.0) / np.pi)
 
 
 def flicker_sigma(floor, dt, duration):

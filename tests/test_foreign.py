@@ -274,6 +274,8 @@ def test_a_model_that_was_read_survives_writing_and_reading(tmp_path):
     ("i.json", {k: v for k, v in GNSS.items() if k != "gyro_arw"},
      "gyro_arw is missing"),
     ("env.yaml", "p: {noise: {operation: scale, std: 1}}", "it is no error at rest"),
+    ("env.yaml", "p: {noise: {noise_cfg: 5}}", "its keys are needed"),
+    ("m.sdf", sdf(dict(stddev=1), rate="<update_rate>x</update_rate>"), "holds 'x'"),
 ])
 def test_a_bad_file_gets_one_sentence(tmp_path, name, text, message):
     with pytest.raises(ValueError, match=message) as problem:

@@ -30,6 +30,7 @@ a first session:
   python -m sensorid simulate model.json --samples 20000 --records 10 \\
     --out simulated.npz
   python -m sensorid diagnose record.csv --model model.json --out gap
+  python -m sensorid export model.json --to kalibr --unit deg/s --out imu.yaml
 
 record.csv has a header: time,error. model.json holds the hypotheses:
   {"dt": 0.1, "unit": "deg/h", "bias_sigma": 1.0, "hypotheses": [
@@ -38,6 +39,9 @@ record.csv has a header: time,error. model.json holds the hypotheses:
       "tau_m": [60, 1500], "sigma_m": [0.5, 1.5], "sigma_v": 0.5}}]}
 A number is known, a range is to be found. tau_m is in s, every sigma in the unit of
 the record, sigma_w per sample.
+In place of model.json a data sheet, {"datasheet": {...}}, or the file of another program
+is taken: Kalibr, Gazebo, MATLAB, AirSim, gnss-ins-sim, Isaac Lab; imu.yaml#gyroscope
+names one of several sensors.
 Hypotheses: """ + ", ".join(MODELS) + "."
 
 
@@ -67,6 +71,7 @@ def parser():
                      help="without --model: names, comma-separated, "
                           "or all (default white_noise,random_walk,markov)")
     _record_options(one)
+    _unit_options(one)
     one.add_argument("--json", metavar="OUT.json",
                      help="write the result, with Phi, Gamma, H, Psi")
     one.add_argument("--save-model", metavar="OUT.json",
@@ -129,6 +134,7 @@ def parser():
     simulator.add_argument("--simulated", metavar="FILE",
                            help="records of the simulator, error[L, N] or one column")
     _record_options(four)
+    _unit_options(four)
     four.add_argument("--covariates", metavar="NAMES",
                       help="columns beside the error, comma-separated, NAME or "
                            "NAME=COLUMN, such as temperature=temp_degC "
@@ -191,6 +197,18 @@ def _seed(text):
     if not text.isdigit():
         raise argparse.ArgumentTypeError(f"{text} is not a whole number >= 0")
     return int(text)
+
+
+def _unit_options(parser):
+    parser.add_argument("--unit", metavar="U",
+                        help="unit of the record, such as deg/s or mg (milli-g): "
+                             "parameters are quoted as data sheets do; a model in "
+                             "another unit has the record converted")
+    parser.add_argument("--scale", type=float, default=1.0, metavar="X",
+                        help="of a record in counts: what the numbers are multiplied by")
+    parser.add_argument("--report", metavar="UNITS",
+                        help="quote in these units, comma-separated, "
+                             "such as 'deg/sqrt(h),deg/h'")
 
 
 def _record_options(parser):

@@ -10,6 +10,7 @@ import numpy as np
 from sensorid import write_whole
 from sensorlab.gap.report import finite
 from sensorlab.records import loaded, read_record
+from sensorlab.units import factor, kind_of, quoted
 
 
 def progress_bar(done, total):
@@ -34,6 +35,34 @@ def read(options, model=None, beside=()):
                          f"but the model is for dt = {model.dt:g} s: "
                          "its noises per sample do not apply")
     return record
+
+
+def in_unit(record, options, model=None):
+    """The record times --scale, in the unit of the model if it has one, and the unit.
+
+    The unit is that of the model, else --unit, else "u".
+    """
+    if not (np.isfinite(options.scale) and options.scale):
+        raise ValueError(f"--scale is {options.scale:g}: a finite number other than 0 "
+                         "is needed")
+    unit, times = options.unit or "u", options.scale
+    if model and model.unit != "u":
+        if options.unit:
+            times *= factor(options.unit, model.unit)
+        unit = model.unit
+    if options.unit or options.report:
+        if unit == "u":
+            raise ValueError("--report needs the unit of the record: give it with --unit")
+        kind_of(unit)
+    return record._replace(error=times * record.error), unit
+
+
+def as_quoted(parameters, dt, unit, options):
+    """Parameters as the field quotes them, if --unit or --report asks for it."""
+    if not (options.unit or options.report):
+        return ()
+    report = [part for part in (options.report or "").split(",") if part]
+    return quoted(parameters, dt, unit, report)
 
 
 def refuse_effects(file, model):

@@ -10,7 +10,7 @@ from sensorlab.modelfiles import read_model
 
 
 def run(options):
-    model = read_model(options.model)
+    model = read_model(options.model, options.dt)
     check_outputs([options.model, options.like], options.out)
     if options.records < 1 or options.samples is not None and options.samples < 1:
         raise ValueError("--records and --samples must be at least 1")

@@ -111,7 +111,7 @@ def axis(model, unit=None, duration=3600.0):
     readings = {symbol: value for one in effects if one.effect.reading
                 for symbol, value in one.values.items()}
     return Axis(
-        kind, "+".join([h.name, *(one.name for one in effects)]), model.dt,
+        kind, "+".join([h.model.__name__, *(one.name for one in effects)]), model.dt,
         si * h.bias_sigma, _scaled(member.filter(model.dt, theta), si),
         (float(jumps.rate[0]), si * float(np.sqrt(jumps.variance[0])),
          float(jumps.change[0]), si * float(jumps.half[0])),

@@ -25,7 +25,7 @@ from scipy.optimize import linprog, nnls
 
 from sensorid import model_allan_variance, random_walk
 
-TIMES = 60        # averaging times, at most
+TIMES = 200       # averaging times, at most: between them the bound holds to 5e-4
 FOLKLORE = 10.0
 
 

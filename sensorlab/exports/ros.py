@@ -3,7 +3,7 @@
 import numpy as np
 
 from sensorlab.exports.bound import averaging_times
-from sensorlab.exports.text import Choice, export, of_pairs
+from sensorlab.exports.text import Choice, export, of_numbers
 
 FIELDS = dict(gyroscope="angular_velocity_covariance",
               accelerometer="linear_acceleration_covariance")
@@ -22,4 +22,5 @@ def ros(axes, choice=Choice()):
         "Convention: variance per sample, row-major (sensor_msgs/msg/Imu); who reads it "
         "takes the samples for independent. So it is that of the white noise whose "
         f"integral, up to {choice.horizon:g} s with the bias from as long a time at rest "
-        "before, is nowhere less uncertain than the sensor's."), body, of_pairs(axes))
+        "before, is nowhere less uncertain than the sensor's."), body,
+        of_numbers(axes, "a white noise"))

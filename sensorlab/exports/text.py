@@ -73,19 +73,19 @@ def _walk_unit(axis):
     return "walk, " + {"rad/s": "rad/s^2", "m/s^2": "m/s^3"}[axis.unit] + "/sqrt(Hz)"
 
 
-def of_pairs(axes, more=()):
-    """What is lost where a program knows two numbers."""
+def of_numbers(axes, instead="a walk"):
+    """What is lost where a program knows two numbers, or one."""
     for axis in axes:
-        white, processes = axis.parts
+        _, processes = axis.parts
         if any(p.a < 1.0 for p in processes):
-            yield (f"correlation times of the {axis.kind}: a walk that bounds the error "
-                   "stands for them")
+            yield (f"correlation times of the {axis.kind}: {instead} that bounds the "
+                   "error stands for them")
+        yield from jumps(axis)
         yield from readings(axis)
         if axis.bias or any(p.start for p in processes):
             yield (f"the bias of the {axis.kind} at the start, of standard deviation "
                    f"{start(axis, processes):.4g} {axis.unit}: give it as that of the "
                    "initial bias, where the program asks for one")
-    yield from more
 
 
 def start(axis, processes):

@@ -99,12 +99,9 @@ def _chosen(parts, wanted):
         raise ValueError(f"no part {wanted!r}; there are {', '.join(parts)}")
     first, *others = found.values()
     if any(part.noise(0.01) != first.noise(0.01) for part in others):
-        raise ValueError(f"several axes: name one as FILE#PART; PART is {_or(found)}")
+        raise ValueError("several axes: name one as FILE#PART; PART is "
+                         + " or ".join(found))
     return first
-
-
-def _or(names):
-    return " or ".join(names)
 
 
 def _model(part, dt):

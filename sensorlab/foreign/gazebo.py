@@ -27,7 +27,8 @@ def parts(raw):
         return {}
     found = {}
     for sensor in raw.iter("sensor"):
-        rate = float(sensor.findtext("update_rate") or 0.0)
+        said = sensor.find("update_rate")
+        rate = 0.0 if said is None else _number(said)
         for place, (name, unit) in PLACES.items():
             for axis in "xyz":
                 block = sensor.find(f"imu/{place}/{axis}/noise")
@@ -52,7 +53,7 @@ def _part(block, unit, rate):
             return noise(bias=abs(value("mean")), tau_m=tau,
                          sigma_m=s * np.sqrt(tau / 2.0), sigma_0=start, **rest)
         return noise(bias=np.hypot(value("mean"), start), **rest)
-    return Part(unit, 1.0 / rate if rate else None, drawn)
+    return Part(unit, 1.0 / rate if rate > 0.0 else None, drawn)
 
 
 def _number(element):

@@ -54,8 +54,7 @@ def parts(raw):
 
 
 def _part(path, values, dt):
-    drawn = values.get("noise_cfg") or values
-    sigma_v, mean = _moments(drawn)
+    sigma_v, mean = _moments(values.get("noise_cfg") or values)
     bias = np.hypot(mean, np.hypot(*_moments(values.get("bias_noise_cfg") or {})))
     unit = next((u for word, u in UNITS.items() if word in path), "u")
     return Part(unit, dt, lambda dt: noise(bias=bias, sigma_v=sigma_v))
@@ -63,6 +62,8 @@ def _part(path, values, dt):
 
 def _moments(values):
     """Standard deviation and mean of a noise."""
+    if not isinstance(values, dict):
+        raise ValueError(f"a noise of Isaac Lab is {values!r}: its keys are needed")
     if values.get("operation", "add") == "scale":
         raise ValueError("a noise of the operation \"scale\" multiplies the signal: "
                          "it is no error at rest")

@@ -68,8 +68,11 @@ def number(values, key, default=None, least=0.0):
 
 def walk(raw, path=""):
     """Every dictionary within a JSON or YAML value, with its path."""
-    if isinstance(raw, dict):
-        yield path, raw
-    if isinstance(raw, (dict, list)):
-        for key, value in (raw.items() if isinstance(raw, dict) else enumerate(raw)):
-            yield from walk(value, f"{path}/{key}" if path else str(key))
+    left = [(path, raw)]
+    while left:    # no recursion: files may be nested at will
+        path, raw = left.pop(0)
+        if isinstance(raw, dict):
+            yield path, raw
+        if isinstance(raw, (dict, list)):
+            left += [(f"{path}/{key}" if path else str(key), value) for key, value in
+                     (raw.items() if isinstance(raw, dict) else enumerate(raw))]

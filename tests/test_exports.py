@@ -1,0 +1,349 @@
+"""What goes out: other programs, by their own formulas, draw or foretell the noise of
+our model from the numbers that they are given.
+"""
+
+import json
+import re
+import xml.etree.ElementTree
+from collections import Counter
+
+import numpy as np
+import pytest
+import programs
+import yaml
+from test_foreign import SAMPLES, TRIALS, agree
+
+import sensorid
+import sensorlab
+from sensorlab.commands import main
+from sensorlab.exports import TARGETS
+from sensorlab.exports.axis import axis
+from sensorlab.exports.bound import averaging_times, pair_variances, pairs
+from sensorlab.exports.text import Choice
+
+DEG, DT = np.pi / 180.0, 0.02
+WALK = dict(name="random_walk", parameters=dict(sigma_w=8.0, sigma_v=20.0))
+MARKOV = dict(name="markov", parameters=dict(tau_m=0.4, sigma_m=30.0, sigma_v=20.0))
+BOTH = dict(name="random_walk_markov", parameters=dict(
+    sigma_w=8.0, tau_m=0.1, sigma_m=30.0, sigma_v=20.0))
+TWO = dict(name="two_markov", parameters=dict(
+    tau_m=0.1, sigma_m=10.0, tau_n=0.5, sigma_n=20.0, sigma_v=5.0))
+FLICKER = dict(name="white_noise", parameters=dict(sigma_v=20.0), effects=[
+    dict(name="bias_instability", parameters=dict(sigma=10.0))])
+
+
+def model_of(tmp_path, hypothesis, bias=0.0, unit="deg/s", dt=DT):
+    file = tmp_path / f"{len(list(tmp_path.iterdir()))}.json"
+    file.write_text(json.dumps(dict(dt=dt, unit=unit, bias_sigma=bias,
+                                    hypotheses=[hypothesis])))
+    return file
+
+
+@pytest.fixture
+def sensor(tmp_path):
+    def build(hypothesis, **options):
+        return axis(sensorlab.read_model(model_of(tmp_path, hypothesis, **options)),
+                    duration=60.0)
+    return build
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(23)
+
+
+def numbers(text):
+    """Name and number of every line of YAML."""
+    return {k: float(v) for k, v in yaml.safe_load(text).items() if k != "rostopic"}
+
+
+# ---- simulators: the records have the moments of the model
+
+@pytest.mark.parametrize("target", ["kalibr", "openvins"])
+def test_kalibr_draws_a_walk_in_white_noise(sensor, rng, target):
+    a = sensor(WALK, bias=30.0)
+    text = TARGETS[target]([a]).text.removeprefix("%YAML:1.0\n")
+    values = yaml.safe_load(text)
+    values = values.get("imu0", values)
+    assert values["update_rate"] == 50
+    agree(programs.kalibr(rng, TRIALS, SAMPLES, DT, values["gyroscope_noise_density"],
+                          values["gyroscope_random_walk"], a.bias), a.filt, a.bias)
+
+
+@pytest.mark.parametrize("hypothesis, bias", [(WALK, 30.0), (MARKOV, 0.0),
+                                              (FLICKER | dict(effects=[]), 10.0)])
+def test_gazebo_draws_the_model(sensor, rng, hypothesis, bias):
+    a = sensor(hypothesis, bias=bias)
+    text = TARGETS["gazebo"]([a]).text
+    block = xml.etree.ElementTree.fromstring(f"<sdf>{text}</sdf>").find(
+        "sensor/imu/angular_velocity/y/noise")
+    values = {child.tag: float(child.text) for child in block}
+    agree(programs.gazebo(rng, TRIALS, SAMPLES, DT, **values), a.filt, a.bias)
+
+
+@pytest.mark.parametrize("hypothesis", [WALK, MARKOV, BOTH])
+def test_matlab_draws_the_model(sensor, rng, hypothesis):
+    a = sensor(hypothesis)
+    text = TARGETS["matlab"]([a]).text
+    values = {k: float(v) for k, v in re.findall(r"'(\w+)', ([\d.e+-]+)", text)
+              if k not in ("SampleRate", "Numerator")}
+    pole = re.search(r"\[1 (-[\d.]+)\]", text)
+    records = programs.matlab(
+        rng, TRIALS, 1000 + SAMPLES, DT, NoiseType="single-sided",
+        **({"Denominator": (1.0, float(pole[1]))} if pole else {}), **values)[:, 1000:]
+    m = np.array([1, 4, 16, 64])    # from 0 the process reaches its steady state
+    avar = np.array([sensorid.allan_variance(records[:, :2 * k], 1.0, k) for k in m])
+    z = (avar.mean(1) - a.allan_variance(m)) / avar.std(1) * np.sqrt(TRIALS)
+    assert np.abs(z).max() < 4.5, z
+
+
+@pytest.mark.parametrize("hypothesis", [WALK, MARKOV, BOTH, FLICKER])
+def test_numpy_draws_every_model(sensor, rng, hypothesis):
+    a = sensor(hypothesis, bias=30.0)
+    space = {}
+    exec(TARGETS["numpy"]([a]).text, space)
+    agree(space["gyroscope"](SAMPLES, TRIALS, rng), a.filt, a.bias)
+
+
+def test_numpy_draws_jumps_and_readings(sensor, rng):
+    effects = [dict(name="outliers", parameters=dict(rate=0.05, sigma=200.0)),
+               dict(name="random_telegraph", parameters=dict(dwell=0.2, size=100.0)),
+               dict(name="saturation", parameters=dict(limits=[None, 150.0])),
+               dict(name="quantization", parameters=dict(lsb=10.0))]
+    a = sensor(WALK | dict(effects=effects))
+    space = {}
+    exec(TARGETS["numpy"]([a]).text, space)
+    y = space["gyroscope"](SAMPLES, TRIALS, rng) / DEG
+    assert y.max() == 150.0 and y.min() < -300.0
+    np.testing.assert_allclose(y / 10.0, np.round(y / 10.0), atol=1e-9)
+    space = {}
+    a = a._replace(limits=(-np.inf, np.inf))
+    exec(TARGETS["numpy"]([a]).text, space)
+    agree(space["gyroscope"](SAMPLES, TRIALS, rng), a.second_order, 0.0)
+
+
+def test_isaac_lab_draws_the_noise_and_a_bias_as_large_as_the_drift(sensor, rng):
+    a = sensor(WALK, bias=30.0)
+    horizon = SAMPLES * DT
+    std, bias = (float(v) for v in re.findall(
+        r"std=([\d.e-]+)", TARGETS["isaac"]([a], Choice(horizon=horizon)).text))
+    ours = a.bias**2 + a.filt.Gamma[0, 0, 0]**2 * np.arange(1, SAMPLES + 1)
+    theirs = programs.isaac(rng, TRIALS, SAMPLES, std, bias)
+    assert np.mean(theirs**2) == pytest.approx(np.mean(ours) + a.filt.Psi[0]**2, rel=0.1)
+    assert np.mean(np.diff(theirs)**2) / 2.0 == pytest.approx(a.filt.Psi[0]**2, rel=0.01)
+
+
+# ---- filters: what they foretell is the error of the model
+
+HORIZON = 20.0
+
+
+def integrated(a, horizon=HORIZON):
+    """Variance of the integral of a walk in white noise, its bias known at the start,
+    in continuous time.
+    """
+    N2, K2 = a.filt.Psi[0]**2 * a.dt, a.filt.Gamma[0, 0, 0]**2 / a.dt
+    return N2 * horizon + K2 * horizon**3 / 3.0
+
+
+@pytest.mark.parametrize("target", ["gtsam", "vins", "px4"])
+def test_filters_foretell_the_error_of_a_walk_in_white_noise(sensor, target):
+    a = sensor(WALK | dict(parameters=dict(sigma_w=1e-3, sigma_v=0.3)), dt=0.004)
+    text = TARGETS[target]([a], Choice(horizon=HORIZON)).text
+    if target == "gtsam":
+        covariances = [float(v) for v in re.findall(r"\(([\d.e-]+) \* np.eye", text)]
+        found = programs.gtsam(HORIZON, 0.004, *covariances)
+    elif target == "vins":
+        values = numbers(text)
+        found = programs.vins(HORIZON, 0.004, values["gyr_n"], values["gyr_w"])
+    else:
+        values = dict(re.findall(r"(EKF2\w+)\t([\d.]+)", text))
+        found = programs.px4(HORIZON, float(values["EKF2_GYR_NOISE"]),
+                             float(values["EKF2_GYR_B_NOISE"]))
+    # sums for integrals: off by some 1.5 steps in 2000 and more
+    assert found == pytest.approx(integrated(a), rel=2e-3)
+
+
+def test_a_density_in_vins_is_too_small_by_the_root_of_twice_the_rate(sensor):
+    a = sensor(WALK, dt=0.005)
+    said = re.search(r"too\s+#?\s*small\s+#?\s*by\s+#?\s*([\d.]+)",
+                     TARGETS["vins"]([a]).text)
+    assert float(said[1]) == 20.0
+
+
+@pytest.mark.parametrize("hypothesis", [WALK, MARKOV, FLICKER])
+def test_the_variance_for_ros_bounds_the_integrated_error(sensor, hypothesis):
+    a = sensor(hypothesis)
+    text = TARGETS["ros"]([a], Choice(horizon=2.0)).text
+    covariance = yaml.safe_load(text)["angular_velocity_covariance"]
+    assert covariance[0] == covariance[4] == covariance[8] and covariance[1] == 0.0
+    m = averaging_times(a, 2.0)
+    ratio = covariance[0] / m / a.allan_variance(m)
+    assert ratio.min() == pytest.approx(1.0, rel=1e-5)
+
+
+# ---- the honest factor
+
+@pytest.mark.parametrize("hypothesis", [MARKOV, BOTH, TWO, FLICKER])
+@pytest.mark.parametrize("horizon", [0.5, 5.0, 20.0])
+def test_the_bound_is_nowhere_exceeded_and_the_smallest(sensor, hypothesis, horizon):
+    a = sensor(hypothesis)
+    bound = pairs(a, horizon)["bound"]
+    m = np.arange(1, round(horizon / DT) + 1)    # all, not only those of the programme
+    parts, model = np.array(pair_variances(DT, m)), a.allan_variance(m)
+
+    def ratio(density, walk):
+        return (parts.T @ np.square([density, walk]) / model).min()
+    assert 0.9995 < ratio(*bound) < 1.0001
+    assert ratio(0.98 * bound.density, bound.walk) < 0.999
+    assert bound.walk == 0.0 or ratio(bound.density, 0.98 * bound.walk) < 0.9999
+
+
+def test_a_walk_in_white_noise_is_its_own_bound(sensor):
+    a = sensor(WALK)
+    found = pairs(a, 20.0)
+    exact = a.filt.Psi[0] * np.sqrt(DT), a.filt.Gamma[0, 0, 0] / np.sqrt(DT)
+    np.testing.assert_allclose(found["bound"], exact, rtol=1e-6)
+    np.testing.assert_allclose(found["fitted"], exact, rtol=1e-6)
+    np.testing.assert_allclose(found["x10"], 10.0 * np.array(exact), rtol=1e-6)
+
+
+def test_the_bound_is_of_the_error_of_integrated_records(sensor, rng):
+    """e(h) of the docstring of `bound`, by drawing."""
+    a = sensor(TWO)
+    space = {}
+    exec(TARGETS["numpy"]([a]).text, space)
+    records = space["gyroscope"](100, 20000, rng)
+    for m in (1, 10, 50):
+        before, after = records[:, :m], records[:, m:2 * m]
+        error = DT * (after.sum(1) - m * before.mean(1))
+        expected = 2.0 * (m * DT)**2 * a.allan_variance(m)
+        assert np.mean(error**2) == pytest.approx(expected, rel=5 * np.sqrt(2 / 20000))
+
+
+def test_where_no_walk_is_needed_a_negligible_one_is_written(sensor):
+    a = sensor(FLICKER | dict(effects=[]))
+    assert pairs(a, 60.0)["bound"].walk < 1e-6 * a.filt.Psi[0]
+    values = numbers(TARGETS["kalibr"]([a]).text)
+    N, K = values["gyroscope_noise_density"], values["gyroscope_random_walk"]
+    assert 0.0 < K**2 * 60.0**3 / 3.0 < 2e-6 * N**2 * 60.0
+
+
+# ---- what the files say
+
+def test_every_file_says_its_convention_and_what_is_lost(sensor):
+    effects = [dict(name="rate_ramp", parameters=dict(slope=1.0)),
+               dict(name="outliers", parameters=dict(rate=0.01, sigma=100.0)),
+               dict(name="random_telegraph", parameters=dict(dwell=0.2, size=10.0)),
+               dict(name="saturation", parameters=dict(limits=[-300.0, 400.0])),
+               dict(name="quantization", parameters=dict(lsb=1.0))]
+    a = sensor(BOTH | dict(effects=effects), bias=3.0)
+    for name, target in TARGETS.items():
+        text, lost = target([a])
+        assert "Convention: " in text and "rate_ramp is left out" in text, name
+        assert any("limits" in one for one in lost) != (name == "numpy"), name
+        assert text.count("Lost: ") == len(lost), name
+
+
+def test_gyroscope_and_accelerometer_share_a_file(sensor):
+    both = [sensor(WALK), sensor(WALK, unit="mg")]
+    for name, target in TARGETS.items():
+        text = target(both).text
+        assert all(re.search(f"{one}", text, re.I) for one in ("gyr|angular", "acc")), (
+            name)
+    values = numbers(TARGETS["kalibr"](both).text)
+    assert values["accelerometer_noise_density"] == pytest.approx(
+        0.02 * 9.80665 * np.sqrt(DT), rel=1e-6)
+
+
+def test_what_px4_does_not_take_is_told(sensor):
+    lost = TARGETS["px4"]([sensor(WALK)]).lost
+    assert any("is outside of what PX4 takes" in one for one in lost)
+
+
+# ---- the command
+
+def test_the_command_writes_or_prints_and_says_what_is_lost(tmp_path, capsys):
+    file = model_of(tmp_path, MARKOV, bias=1.0)
+    out = tmp_path / "imu.yaml"
+    assert main(["export", str(file), "--to", "kalibr", "--out", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert "imu.yaml: for kalibr" in printed.out and "lost in kalibr" in printed.err
+    assert main(["export", str(file), "--to", "kalibr"]) == 0
+    assert capsys.readouterr().out == out.read_text()
+    assert "<- written" in out.read_text()
+    found = []
+    for pair in ("fitted", "x10"):
+        assert main(["export", str(file), "--to", "kalibr", "--pair", pair]) == 0
+        found.append(numbers(capsys.readouterr().out)["gyroscope_noise_density"])
+    assert found[1] == pytest.approx(10.0 * found[0], rel=1e-5)
+    # and what went out comes in again
+    model = sensorlab.read_model(out)
+    assert model.dt == DT and model.unit == "rad/s"
+
+
+@pytest.mark.parametrize("options, message", [
+    (["--unit", "rad/s"], "the model is in deg/s, not in rad/s"),
+    (["--horizon", "0.001"], "shorter than the sampling interval"),
+    (["--horizon", "nan"], "shorter than the sampling interval"),
+    (["--duration", "0"], "holds no two samples"),
+    (["--out", "no/such/file"], "cannot be written")])
+def test_bad_options_get_one_line(tmp_path, capsys, options, message):
+    file = model_of(tmp_path, MARKOV)
+    assert main(["export", str(file), "--to", "kalibr", *options]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+
+
+def test_models_that_do_not_go_together_are_told(tmp_path, capsys):
+    gyro, other = (str(model_of(tmp_path, MARKOV, dt=dt)) for dt in (DT, 0.1))
+    accel = str(model_of(tmp_path, MARKOV, unit="mg", dt=0.1))
+    ramp = str(model_of(tmp_path, dict(name="rate_ramp", parameters=dict(
+        slope=1.0, sigma_v=1.0))))
+    nothing = str(model_of(tmp_path, MARKOV, unit="u"))
+    two = tmp_path / "two.json"
+    two.write_text(json.dumps(dict(dt=DT, unit="deg/s", hypotheses=[MARKOV, WALK])))
+    for files, message in [([gyro, other], "two models of a gyroscope"),
+                           ([gyro, accel], "one file has one rate"),
+                           ([ramp], "only --to numpy has it"),
+                           ([nothing], "give it with --unit"),
+                           ([str(two)], "export takes one")]:
+        assert main(["export", *files, "--to", "kalibr"]) == 2
+        assert message in capsys.readouterr().err
+    assert main(["export", ramp, "--to", "numpy"]) == 0
+
+
+# ---- diagnosed: a record of the program, our model as the simulator
+
+SLOW = dict(tau_m=10.0, sigma_m=10.0, sigma_v=20.0)
+
+
+def verdicts(draw, hypothesis):
+    """How often which verdict is given on 8 records, rad/s, of a program."""
+    return Counter(sensorlab.diagnose(draw(np.random.default_rng(seed))[0] / DEG, DT,
+                                      [hypothesis]).verdict for seed in range(8))
+
+
+@pytest.mark.large
+def test_records_of_kalibr_have_no_gap_to_the_model(sensor):
+    steps = dict(sigma_w=0.5, sigma_v=20.0)
+    values = numbers(TARGETS["kalibr"]([sensor(WALK | dict(parameters=steps))]).text)
+    found = verdicts(lambda rng: programs.kalibr(
+        rng, 1, 4000, DT, values["gyroscope_noise_density"],
+        values["gyroscope_random_walk"]), sensorid.hypothesis("random_walk", **steps))
+    assert found["none"] >= 7 and found["none"] + found["undecided"] == 8, found
+
+
+@pytest.mark.large
+def test_records_of_gazebo_have_no_gap_to_the_model_and_a_wrong_key_is_found(sensor):
+    a = sensor(MARKOV | dict(parameters=SLOW))
+    block = xml.etree.ElementTree.fromstring(
+        f"<sdf>{TARGETS['gazebo']([a]).text}</sdf>").find(
+        "sensor/imu/angular_velocity/x/noise")
+    values = {child.tag: float(child.text) for child in block}
+    process = sensorid.hypothesis("markov", **SLOW)
+    found = verdicts(lambda rng: programs.gazebo(rng, 1, 4000, DT, **values), process)
+    assert found["none"] >= 7 and found["none"] + found["undecided"] == 8, found
+    values["stddev"] *= np.sqrt(DT)    # a density where a standard deviation belongs
+    found = verdicts(lambda rng: programs.gazebo(rng, 1, 4000, DT, **values), process)
+    assert found["wrong_parameter"] >= 7, found
