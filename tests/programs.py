@@ -6,6 +6,7 @@ Records are (trials, samples); parameters are called what the program calls them
 """
 
 import numpy as np
+from scipy.signal import lfilter
 
 
 def kalibr(rng, trials, samples, dt, noise_density, random_walk, bias=0.0):
@@ -111,3 +112,20 @@ def px4(duration, noise, bias_noise, dt=0.01):
     for _ in range(round(duration / dt)):
         P = F @ P @ F.T + np.diag([(dt * noise)**2, (dt * bias_noise)**2])
     return P[0, 0]
+
+
+def inside(y, dt, density, walk, seconds):
+    """Of a record at rest: is the error of its integral within what a Kalman filter of
+    the bias foretells with 95 %? The filter knows two numbers and is in steady state.
+    """
+    r, q = density**2 / dt, walk**2 * dt
+    before = (q + np.sqrt(q * q + 4 * q * r)) / 2
+    gain = before / (before + r)
+    bias = lfilter([gain], [1, gain - 1], y)
+    m = round(seconds / dt)
+    angle = np.append(0, np.cumsum(y)) * dt
+    at = np.arange(60000, len(y) - m, m)
+    error = angle[at + m] - angle[at] - m * dt * bias[at - 1]
+    variance = ((m * dt)**2 * before * (1 - gain) + m * dt**2 * r
+                + q * dt**2 * np.sum(np.arange(1, m + 1)**2))
+    return np.abs(error) < 1.96 * np.sqrt(variance)

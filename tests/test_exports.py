@@ -3,6 +3,7 @@ our model from the numbers that they are given.
 """
 
 import json
+import pathlib
 import re
 import xml.etree.ElementTree
 from collections import Counter
@@ -20,6 +21,7 @@ from sensorlab.exports import TARGETS
 from sensorlab.exports.axis import axis
 from sensorlab.exports.bound import averaging_times, pair_variances, pairs
 from sensorlab.exports.text import Choice
+from sensorlab.units import QUOTES
 
 DEG, DT = np.pi / 180.0, 0.02
 WALK = dict(name="random_walk", parameters=dict(sigma_w=8.0, sigma_v=20.0))
@@ -129,8 +131,9 @@ def test_isaac_lab_draws_the_noise_and_a_bias_as_large_as_the_drift(sensor, rng)
         r"std=([\d.e-]+)", TARGETS["isaac"]([a], Choice(horizon=horizon)).text))
     ours = a.bias**2 + a.filt.Gamma[0, 0, 0]**2 * np.arange(1, SAMPLES + 1)
     theirs = programs.isaac(rng, TRIALS, SAMPLES, std, bias)
-    assert np.mean(theirs**2) == pytest.approx(np.mean(ours) + a.filt.Psi[0]**2, rel=0.1)
-    assert np.mean(np.diff(theirs)**2) / 2.0 == pytest.approx(a.filt.Psi[0]**2, rel=0.01)
+    white = a.filt.Psi[0]**2
+    assert np.mean(theirs**2) == pytest.approx(np.mean(ours) + white, rel=0.1)
+    assert np.mean(np.diff(theirs)**2) / 2.0 == pytest.approx(white, rel=0.01)
 
 
 # ---- filters: what they foretell is the error of the model
@@ -347,3 +350,48 @@ def test_records_of_gazebo_have_no_gap_to_the_model_and_a_wrong_key_is_found(sen
     values["stddev"] *= np.sqrt(DT)    # a density where a standard deviation belongs
     found = verdicts(lambda rng: programs.gazebo(rng, 1, 4000, DT, **values), process)
     assert found["wrong_parameter"] >= 7, found
+
+
+@pytest.mark.large
+def test_the_bound_of_one_run_holds_on_the_next(real):
+    """Gyroscope x of the ADIS16405: a filter with the bound of run 1 on run 2."""
+    def record(run):
+        data = np.load(real / f"adis16405_run{run}.npz")
+        return data["gyro_counts"][0] * float(data["gyro_lsb"])
+    y = record(1)[:200000]
+    e = sensorid.identify(y, 0.01, sensorid.default_hypotheses(
+        y, 0.01, ["random_walk_markov"])).best
+    h = e.hypothesis._replace(parameters=tuple(
+        sensorid.Parameter(p.symbol, m, m) for p, m in zip(e.hypothesis.parameters,
+                                                           e.mean)))
+    a = axis(sensorlab.Model(0.01, "deg/s", sensorlab.Simulator((h,))))
+    z = record(2) * DEG
+    for seconds in (1, 10, 60):
+        inside = programs.inside(z - z.mean(), 0.01, *pairs(a, 60.0)["bound"], seconds)
+        by_chance = 4.0 * np.sqrt(0.95 * 0.05 / len(inside))
+        assert 0.95 - by_chance < inside.mean() < 0.97 + by_chance    # 1 for folklore
+
+
+# ---- the documentation
+
+DOCS = (pathlib.Path(__file__).parent.parent / "docs" / "exports.md").read_text()
+
+
+def test_the_table_of_the_documentation_is_what_is_written(sensor):
+    a = sensor(dict(name="markov", parameters=dict(tau_m=100.0, sigma_m=0.004,
+                                                   sigma_v=0.07)), dt=0.005)
+    rows = re.findall(r"^\| `(\w+)` \| (.+?) \|", DOCS, re.M)
+    rows = {name: told for name, told in rows if name in TARGETS}
+    assert rows.keys() == TARGETS.keys()
+    for name, told in rows.items():
+        text = TARGETS[name]([a]).text
+        written = [float(v) for v in re.findall(r"-?\d+\.?\d*(?:e[+-]\d+)?", text)]
+        for number in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?(?=[,\s]|$)", told):
+            if name != "numpy":
+                assert np.isclose(written, float(number), rtol=1e-3).any(), (name, told)
+
+
+def test_the_documentation_quotes_as_the_code_does():
+    for q in QUOTES.values():
+        assert all(part in DOCS for part in (*q.names, *q.units)), q
+        assert q.formula in DOCS or q.formula == "sigma_n" or q.formula == "tau_n"

@@ -21,7 +21,7 @@ AT = 0, 1, 7, SAMPLES - 1    # samples whose products are compared
 
 def covariance(filt, bias_sigma):
     """cov(y_i, y_j) of a shaping filter at AT, from the definition."""
-    Phi, Q = filt.Phi[0], filt.Gamma[0] @ filt.Gamma[0].T
+    Phi, Q, H = filt.Phi[0], filt.Gamma[0] @ filt.Gamma[0].T, filt.H[0]
     P = [filt.P0]
     for _ in range(SAMPLES):
         P.append(Phi @ P[-1] @ Phi.T + Q)
@@ -29,7 +29,7 @@ def covariance(filt, bias_sigma):
     for i, a in enumerate(AT):
         for j, b in enumerate(AT):
             first, lag = min(a, b) + 1, abs(a - b)
-            C[i, j] = filt.H[0] @ np.linalg.matrix_power(Phi, lag) @ P[first] @ filt.H[0]
+            C[i, j] = H @ np.linalg.matrix_power(Phi, lag) @ P[first] @ H
     return C + bias_sigma**2 + filt.Psi[0]**2 * np.eye(len(AT))
 
 
@@ -116,7 +116,8 @@ MATLAB = dict(NoiseDensity=0.1, RandomWalk=0.3, BiasInstability=0.5)
 def test_a_file_of_matlab_draws_as_its_class_does(tmp_path, rng, more):
     values = MATLAB | more
     model = read(tmp_path, "p.json", {"Part": {"Gyroscope": {
-        k: [v] * 3 if isinstance(v, float) else v for k, v in values.items()}}}, dt=0.02)
+        k: [v] * 3 if isinstance(v, float) else v for k, v in values.items()}}},
+        dt=0.02)
     records = programs.matlab(rng, TRIALS, 100 + SAMPLES, 0.02, **values)
     # its bias instability starts from 0, ours in steady state, which it reaches at once
     (h,) = model.simulator.hypotheses
@@ -258,11 +259,14 @@ def test_a_model_that_was_read_survives_writing_and_reading(tmp_path):
     ("d.json", sheet(rate="50 Hz"), "disagree"),
     ("d.json", sheet(random_walk="1 deg/sqrt(h)"), "it is given 2 times"),
     ("d.json", {k: v for k, v in SHEET.items() if k != "dt"}, "no sampling rate"),
+    ("d.json", SHEET | {"dt": -1}, "interval is -1 s: it must be > 0"),
+    ("imu.yaml", "{gyroscope_noise_density: 1, update_rate: .inf}", "it must be > 0"),
     ("imu.yaml", KALIBR, "several axes: name one as FILE#PART"),
     ("imu.yaml", KALIBR.replace("0.02", "-1"), "it must be >= 0"),
     ("imu.yaml", "gyroscope_noise_density: 1", "the file says no sampling rate"),
     ("imu.yaml", "a: b: c", "not a YAML file"),
     ("imu.yaml", "a: b", "no noise of an IMU"),
+    ("imu.yaml", "a: &a [*a]", "no noise of an IMU"),
     ("m.sdf", "<sdf>", "not an XML file"),
     ("m.sdf", "<sdf/>", "no noise of an IMU"),
     ("m.sdf", sdf(dict(stddev="x")), "<stddev> holds 'x'"),

@@ -15,7 +15,8 @@ DEG, G = np.pi / 180.0, 9.80665
 
 
 @pytest.mark.parametrize("old, new, times", [
-    ("deg/s", "rad/s", DEG), ("deg/h", "rad/s", DEG / 3600.0), ("mg", "m/s^2", 1e-3 * G),
+    ("deg/s", "rad/s", DEG), ("deg/h", "rad/s", DEG / 3600.0),
+    ("mg", "m/s^2", 1e-3 * G),
     ("g", "m/s²", G), ("deg/s/sqrt(Hz)", "deg/sqrt(h)", 60.0),
     ("°/√h", "rad/sqrt(s)", DEG / 60.0), ("ug/sqrt(Hz)", "m/s/sqrt(h)", 60e-6 * G),
     ("µg/√Hz", "μg/sqrt(Hz)", 1.0), ("mdps", "rad/s", 1e-3 * DEG),

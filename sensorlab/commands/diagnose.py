@@ -32,8 +32,8 @@ def run(options):
     except ValueError as problem:
         raise ValueError(f"{options.model or record.file}: {problem}") from None
     (h,) = augmented(d).hypotheses
-    quotes = as_quoted([(p.symbol, p.mean, p.sd) for p in h.parameters], record.dt, unit,
-                       options)
+    quotes = as_quoted([(p.symbol, p.mean, p.sd) for p in h.parameters], record.dt,
+                       unit, options)
     print(table(d, record, unit), end="")
     if quotes:
         print(f"{h.name}, as data sheets quote it:\n" + quote_table(quotes))

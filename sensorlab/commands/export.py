@@ -20,8 +20,8 @@ def run(options):
             raise ValueError(f"{file}: {problem}") from None
     kinds = [a.kind for a in axes]
     if len(set(kinds)) < len(kinds):
-        raise ValueError(f"two models of a {kinds[0]}: one of a gyroscope and one of an "
-                         "accelerometer can stand in a file")
+        raise ValueError(f"two models of a {kinds[0]}: one of a gyroscope and one of "
+                         "an accelerometer can stand in a file")
     if max(a.dt for a in axes) > 1.001 * min(a.dt for a in axes):
         raise ValueError("the models are for dt = "
                          + " and ".join(f"{a.dt:g} s" for a in axes)

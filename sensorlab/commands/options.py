@@ -39,9 +39,9 @@ record.csv has a header: time,error. model.json holds the hypotheses:
       "tau_m": [60, 1500], "sigma_m": [0.5, 1.5], "sigma_v": 0.5}}]}
 A number is known, a range is to be found. tau_m is in s, every sigma in the unit of
 the record, sigma_w per sample.
-In place of model.json a data sheet, {"datasheet": {...}}, or the file of another program
-is taken: Kalibr, Gazebo, MATLAB, AirSim, gnss-ins-sim, Isaac Lab; imu.yaml#gyroscope
-names one of several sensors.
+In place of model.json a data sheet, {"datasheet": {...}}, or the file of another
+program is taken: Kalibr, Gazebo, MATLAB, AirSim, gnss-ins-sim, Isaac Lab;
+imu.yaml#gyroscope names one of several sensors.
 Hypotheses: """ + ", ".join(MODELS) + "."
 
 
@@ -178,7 +178,8 @@ def parser():
     five.add_argument("--to", required=True, choices=TARGETS, metavar="PROGRAM",
                       help=", ".join(TARGETS))
     five.add_argument("--horizon", type=float, default=60.0, metavar="S",
-                      help="integration time that the two numbers bound, s (default 60)")
+                      help="integration time up to which the two numbers bound, s "
+                           "(default 60)")
     five.add_argument("--pair", choices=("bound", "fitted", "x10"), default="bound",
                       help="which pair is written (default bound)")
     five.add_argument("--unit", metavar="U",
@@ -205,7 +206,8 @@ def _unit_options(parser):
                              "parameters are quoted as data sheets do; a model in "
                              "another unit has the record converted")
     parser.add_argument("--scale", type=float, default=1.0, metavar="X",
-                        help="of a record in counts: what the numbers are multiplied by")
+                        help="what the numbers of a record are multiplied by, such as "
+                             "the value of a count")
     parser.add_argument("--report", metavar="UNITS",
                         help="quote in these units, comma-separated, "
                              "such as 'deg/sqrt(h),deg/h'")

@@ -52,7 +52,8 @@ def in_unit(record, options, model=None):
         unit = model.unit
     if options.unit or options.report:
         if unit == "u":
-            raise ValueError("--report needs the unit of the record: give it with --unit")
+            raise ValueError("--report needs the unit of the record: "
+                             "give it with --unit")
         kind_of(unit)
     return record._replace(error=times * record.error), unit
 

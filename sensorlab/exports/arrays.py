@@ -52,4 +52,5 @@ def _function(axis):
     return FUNCTION.format(
         kind=axis.kind, unit=axis.unit, dt=axis.dt, Phi=filt.Phi[0].tolist(),
         Gamma=filt.Gamma[0].tolist(), H=filt.H[0].tolist(), P0=filt.P0.tolist(),
-        m0=filt.m0.tolist(), Psi=float(filt.Psi.max()), bias=float(axis.bias), more=more)
+        m0=filt.m0.tolist(), Psi=float(filt.Psi.max()), bias=float(axis.bias),
+        more=more)

@@ -100,7 +100,8 @@ def axis(model, unit=None, duration=3600.0):
     if model.unit == "u" and unit is None:
         raise ValueError("the model does not say its unit: give it with --unit")
     if model.unit != "u" and unit not in (None, model.unit):
-        raise ValueError(f"the model is in {model.unit}, not in {unit}: leave --unit out")
+        raise ValueError(f"the model is in {model.unit}, not in {unit}: "
+                         "leave --unit out")
     unit = unit or model.unit
     kind = kind_of(unit)
     si = factor(unit, next(u for u, k in SI.items() if k == kind))

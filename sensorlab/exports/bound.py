@@ -48,7 +48,8 @@ def pairs(axis, horizon):
         raise ValueError(f"a horizon of {horizon:g} s is shorter than the sampling "
                          f"interval, {axis.dt:g} s")
     m = averaging_times(axis, horizon)
-    ratio = np.column_stack(pair_variances(axis.dt, m)) / axis.allan_variance(m)[:, None]
+    ratio = (np.column_stack(pair_variances(axis.dt, m))
+             / axis.allan_variance(m)[:, None])
     size = ratio.max(axis=0)    # unknowns of the order of 1
     scaled, ones = ratio / size, np.ones(len(m))
     least = linprog(scaled.sum(axis=0), A_ub=-scaled, b_ub=-ones).x
@@ -60,7 +61,8 @@ def pairs(axis, horizon):
 
 def averaging_times(axis, horizon):
     """Averaging times in samples, from one to the horizon, evenly in log."""
-    return np.unique(np.geomspace(1, round(horizon / axis.dt), TIMES).round().astype(int))
+    m = np.geomspace(1, round(horizon / axis.dt), TIMES)
+    return np.unique(m.round().astype(int))
 
 
 def pair_variances(dt, m):

@@ -4,6 +4,7 @@ import numpy as np
 
 from sensorlab.exports.text import Choice, export, jumps, pair_of, readings
 
+PLACES = dict(gyroscope="angular_velocity", accelerometer="linear_acceleration")
 FOR_EVER = 1e9    # s, correlation time of a bias that is a walk
 
 
@@ -13,7 +14,7 @@ def gazebo(axes, choice=Choice()):
                            f"  <update_rate>{1.0 / axes[0].dt:g}</update_rate>",
                            "  <imu>"], [], False
     for axis in axes:
-        place = "angular_velocity" if axis.kind == "gyroscope" else "linear_acceleration"
+        place = PLACES[axis.kind]
         values, why = _values(axis, choice)
         several |= len(axis.parts[1]) > 1
         lost += why
@@ -43,8 +44,8 @@ def _values(axis, choice):
     if len(processes) > 1:
         pair = pair_of(axis, choice)
         white, s, tau = pair.density / np.sqrt(axis.dt), pair.walk, FOR_EVER
-        lost.append(f"{len(processes)} processes of the {axis.kind}: Gazebo has one, so "
-                    "white noise and a walk bound the error")
+        lost.append(f"{len(processes)} processes of the {axis.kind}: Gazebo has one, "
+                    "so white noise and a walk bound the error")
     elif processes:
         a, drive, start_of_process = processes[0]
         tau = -axis.dt / np.log(a) if a < 1.0 else FOR_EVER

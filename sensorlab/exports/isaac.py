@@ -14,8 +14,8 @@ def isaac(axes, choice=Choice()):
         white, processes = axis.parts
         lost += [*jumps(axis), *readings(axis)]
         if any(p.drive for p in processes):
-            lost.append(f"the drift of the {axis.kind} within an episode: its root mean "
-                        f"square over {choice.horizon:g} s stands in the bias")
+            lost.append(f"the drift of the {axis.kind} within an episode: its root "
+                        f"mean square over {choice.horizon:g} s stands in the bias")
         body += [f"{axis.kind} = NoiseModelWithAdditiveBiasCfg(",
                  f"    noise_cfg=GaussianNoiseCfg(mean=0.0, std={white:.9g}),",
                  "    bias_noise_cfg=GaussianNoiseCfg(mean=0.0, "

@@ -16,17 +16,18 @@ def matlab(axes, choice=Choice()):
         lost += why
         several |= len(_markov(axis)) > 1
         body += [f"{axis.kind} = {SENSORS[axis.kind][0]}( ...",
-                 ", ...\n".join(f"    '{key}', {value}" for key, value in values.items())
+                 ", ...\n".join(f"    '{key}', {text}" for key, text in values.items())
                  + ");"]
     sensors = ", ".join(f"'{SENSORS[a.kind][1]}', {a.kind}" for a in axes)
     body.append(f"imu = imuSensor('accel-gyro', 'SampleRate', {1.0 / axes[0].dt:g}, "
                 f"{sensors});")
     return export(axes, (
-        "Convention: NoiseType single-sided, with which noise per sample = NoiseDensity "
-        "sqrt(rate) and step of the walk = RandomWalk / sqrt(rate): N and K of IEEE Std "
-        "952. With the default, double-sided, the same numbers give noise 1 / sqrt(2) "
-        "and a walk sqrt(2) times as strong. A Markov process is the bias instability "
-        "with its filter, from 0 (R2023b or later). imuSensor, section Algorithms."),
+        "Convention: NoiseType single-sided, with which noise per sample = "
+        "NoiseDensity sqrt(rate) and step of the walk = RandomWalk / sqrt(rate): N and "
+        "K of IEEE Std 952. With the default, double-sided, the same numbers give "
+        "noise 1 / sqrt(2) and a walk sqrt(2) times as strong. A Markov process is the "
+        "bias instability with its filter, from 0 (R2023b or later). imuSensor, "
+        "section Algorithms."),
         body, lost, begin="% ", choice=choice if several else None)
 
 
@@ -43,8 +44,8 @@ def _values(axis, choice):
     density = white * np.sqrt(axis.dt)
     if len(markov) > 1:
         density, walk = pair_of(axis, choice)
-        lost.append(f"{len(markov)} Markov processes of the {axis.kind}: MATLAB has one, "
-                    "so white noise and a walk bound the error")
+        lost.append(f"{len(markov)} Markov processes of the {axis.kind}: MATLAB has "
+                    "one, so white noise and a walk bound the error")
     values = dict(NoiseType="'single-sided'", NoiseDensity=f"{density:.9g}",
                   RandomWalk=f"{walk:.9g}")
     if len(markov) == 1:
@@ -62,6 +63,7 @@ def _values(axis, choice):
         if axis.limits[1] == -axis.limits[0]:
             values["MeasurementRange"] = f"{axis.limits[1]:.9g}"
         else:
-            lost.append(f"limits {axis.limits[0]:.4g}, {axis.limits[1]:.4g} {axis.unit} "
-                        f"of the {axis.kind}: MATLAB's are the same on both sides")
+            lost.append(f"limits {axis.limits[0]:.4g}, {axis.limits[1]:.4g} "
+                        f"{axis.unit} of the {axis.kind}: MATLAB's are the same on "
+                        "both sides")
     return values, lost

@@ -18,8 +18,8 @@ def _numbers(axes, choice):
 def kalibr(axes, choice=Choice()):
     """imu.yaml of Kalibr."""
     return export(axes, (
-        "Convention: continuous, two-sided: noise per sample = noise_density / sqrt(dt), "
-        "step of the bias = random_walk * sqrt(dt). "
+        "Convention: continuous, two-sided: noise per sample = noise_density / "
+        "sqrt(dt), step of the bias = random_walk * sqrt(dt). "
         "https://github.com/ethz-asl/kalibr/wiki/IMU-Noise-Model"),
         [*_kalibr_lines(axes, choice), "rostopic: /imu0",
          f"update_rate: {1.0 / axes[0].dt:g}"], of_numbers(axes), choice=choice)
@@ -52,11 +52,11 @@ def vins(axes, choice=Choice()):
         body += [f"{short}_n: {pair.density * np.sqrt(2.0 / axis.dt):.6e}",
                  f"{short}_w: {pair.walk / np.sqrt(axis.dt):.6e}"]
     return export(axes, (
-        f"Convention: per sample, for a rate of {1.0 / axes[0].dt:g} Hz. One step of dt "
-        "adds (dt n)^2 / 2 to the variance of the integral and (dt w)^2 to that of the "
-        "bias (vins_estimator/src/factor/integration_base.h, midPointIntegration), so "
-        "n = density sqrt(2 / dt) and w = walk / sqrt(dt): a density written there is "
-        f"too small by {np.sqrt(2.0 / axes[0].dt):.3g} at this rate."), body,
+        f"Convention: per sample, for a rate of {1.0 / axes[0].dt:g} Hz. One step of "
+        "dt adds (dt n)^2 / 2 to the variance of the integral and (dt w)^2 to that of "
+        "the bias (vins_estimator/src/factor/integration_base.h, midPointIntegration), "
+        "so n = density sqrt(2 / dt) and w = walk / sqrt(dt): a density written there "
+        f"is too small by {np.sqrt(2.0 / axes[0].dt):.3g} at this rate."), body,
         of_numbers(axes), choice=choice)
 
 
@@ -72,8 +72,8 @@ def gtsam(axes, choice=Choice()):
     return export(axes, (
         "Convention: continuous and two-sided, as squares: one step of dt adds "
         "covariance * dt to the variance of the integral and bias covariance * dt to "
-        "that of the bias (gtsam/navigation/CombinedImuFactor.cpp, integrateMeasurement)."
-        ), body, of_numbers(axes), choice=choice)
+        "that of the bias (gtsam/navigation/CombinedImuFactor.cpp, "
+        "integrateMeasurement)."), body, of_numbers(axes), choice=choice)
 
 
 PX4_INTERVAL = 0.01    # s, EKF2_PREDICT_US

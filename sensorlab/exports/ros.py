@@ -19,8 +19,8 @@ def ros(axes, choice=Choice()):
             f"{variance * (i == j):.6e}" for i in range(3) for j in range(3))
             + f"]    # white alone: {axis.parts[0]**2:.6e}")
     return export(axes, (
-        "Convention: variance per sample, row-major (sensor_msgs/msg/Imu); who reads it "
-        "takes the samples for independent. So it is that of the white noise whose "
-        f"integral, up to {choice.horizon:g} s with the bias from as long a time at rest "
-        "before, is nowhere less uncertain than the sensor's."), body,
+        "Convention: variance per sample, row-major (sensor_msgs/msg/Imu); who reads "
+        "it takes the samples for independent. So it is that of the white noise whose "
+        f"integral, up to {choice.horizon:g} s with the bias from as long a time at "
+        "rest before, is nowhere less uncertain than the sensor's."), body,
         of_numbers(axes, "a white noise"))

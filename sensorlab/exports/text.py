@@ -1,4 +1,4 @@
-"""What the files have in common: the sensor, its pairs, the convention, what is lost."""
+"""What all files say: the sensor, the convention, its pairs, what is lost."""
 
 import textwrap
 from typing import NamedTuple
@@ -61,8 +61,8 @@ def _wrapped(text, width):
 
 
 def _pair_table(axis, choice):
-    yield (f"{axis.kind}: integrated error up to {choice.horizon:g} s, bias from as long "
-           "a time at rest before")
+    yield (f"{axis.kind}: integrated error up to {choice.horizon:g} s, bias from as "
+           "long a time at rest before")
     yield f"  {'':<8}{'density, ' + axis.unit + '/sqrt(Hz)':<28}{_walk_unit(axis)}"
     for name, pair in pairs(axis, choice.horizon).items():
         yield (f"  {name:<8}{pair.density:<28.6g}{pair.walk:<24.6g}"
@@ -96,8 +96,8 @@ def start(axis, processes):
 def readings(axis):
     """Readings of an axis in words, for programs that have none."""
     if axis.lsb:
-        yield (f"rounding to {axis.lsb:.4g} {axis.unit} of the {axis.kind}: white noise "
-               "of the same variance stands for it")
+        yield (f"rounding to {axis.lsb:.4g} {axis.unit} of the {axis.kind}: white "
+               "noise of the same variance stands for it")
     if np.isfinite(axis.limits).any():
         yield (f"limits {axis.limits[0]:.4g}, {axis.limits[1]:.4g} {axis.unit} of the "
                f"{axis.kind}")

@@ -20,6 +20,7 @@ import xml.etree.ElementTree
 
 from sensorlab.foreign import (
     airsim, datasheet, gazebo, gnss_ins_sim, isaac, kalibr, matlab)
+from sensorlab.foreign.parts import interval
 
 PROGRAMS = kalibr, gazebo, matlab, airsim, gnss_ins_sim, isaac
 YAML, XML = (".yaml", ".yml"), (".sdf", ".world", ".xml", ".urdf")
@@ -106,7 +107,5 @@ def _chosen(parts, wanted):
 
 def _model(part, dt):
     """Text of a model file from a part."""
-    dt = dt or part.dt
-    if dt is None:
-        raise ValueError("the file says no sampling rate: give --dt")
+    dt = interval(part.dt if dt is None else dt)
     return dict(dt=dt, unit=part.unit, **part.noise(dt))

@@ -19,7 +19,8 @@ DEG, G = np.pi / 180.0, 9.80665
 # keys, defaults and units of white noise, bias stability and its time
 SENSORS = {
     GYROSCOPE: (("AngularRandomWalk", 0.3, DEG / 60.0),
-                ("GyroBiasStability", 4.6, DEG / 3600.0), ("GyroBiasStabilityTau", 500.0)),
+                ("GyroBiasStability", 4.6, DEG / 3600.0),
+                ("GyroBiasStabilityTau", 500.0)),
     ACCELEROMETER: (("VelocityRandomWalk", 0.24, 1e-3 * G),
                     ("AccelBiasStability", 36.0, 1e-6 * G),
                     ("AccelBiasStabilityTau", 800.0))}

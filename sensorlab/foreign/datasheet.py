@@ -21,6 +21,7 @@ Units convert to `unit`. `dt`, `rate` or `sampling_interval` is needed.
 import numpy as np
 
 from sensorid import as_number
+from sensorlab.foreign.parts import interval
 from sensorlab.units import (
     factor, flicker_sigma, kind_of, low_pass_time, quantity, white_from_density)
 
@@ -43,7 +44,7 @@ def model(raw, dt=None):
     if not isinstance(unit, str):
         raise ValueError("a data sheet needs the \"unit\" of the record, such as deg/s")
     kind_of(unit)
-    dt = dt or _interval(raw, sheet)
+    dt = interval(_said(raw, sheet) if dt is None else dt)
 
     def value(key, per=""):
         return _value(sheet, key, f"({unit}){per}")
@@ -70,20 +71,17 @@ def _effect(name, **parameters):
     return dict(name=name, parameters=parameters)
 
 
-def _interval(raw, sheet):
-    """Sampling interval, s, from whichever key says it."""
+def _said(raw, sheet):
+    """Sampling interval, s, from whichever key says it; None if none does."""
     said = [1.0 / _value(sheet, "rate", "Hz") if "rate" in sheet else None,
             _value(sheet, "sampling_interval", "s")
             if "sampling_interval" in sheet else None,
             as_number(raw["dt"], "dt") if "dt" in raw else None]
     said = [dt for dt in said if dt is not None]
-    if not said:
-        raise ValueError("the data sheet says no sampling rate: give dt, rate or "
-                         "sampling_interval")
-    if max(said) > 1.001 * min(said):
+    if len(said) > 1 and max(said) > 1.001 * min(said):
         raise ValueError("dt, rate and sampling_interval disagree: "
                          + ", ".join(f"{dt:g} s" for dt in said))
-    return said[0]
+    return said[0] if said else None
 
 
 def _white_and_walk(sheet, unit, dt):

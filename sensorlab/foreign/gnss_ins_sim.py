@@ -41,10 +41,10 @@ def _part(raw, i, unit, prefix, white, density_unit, bias_unit):
         if np.isinf(tau):
             return noise(bias=bias, sigma_v=np.hypot(sigma_v, drift))
         if tau <= dt:
-            raise ValueError(f"{prefix}_b_corr is {tau:g} s: it must be longer than the "
-                             f"sampling interval, {dt:g} s")
-        a = 1.0 - dt / tau
-        step = drift * np.sqrt(-np.expm1(-2.0 * dt / tau))
-        return noise(bias=bias, sigma_v=sigma_v, tau_m=-dt / np.log(a),
-                     sigma_m=step / np.sqrt(1.0 - a * a), sigma_0=0.0)
+            raise ValueError(f"{prefix}_b_corr is {tau:g} s: it must be longer than "
+                             f"the sampling interval, {dt:g} s")
+        log_a = np.log1p(-dt / tau)
+        steady = np.expm1(-2.0 * dt / tau) / np.expm1(2.0 * log_a)    # 1, but for dt^2
+        return noise(bias=bias, sigma_v=sigma_v, tau_m=-dt / log_a,
+                     sigma_m=drift * np.sqrt(steady), sigma_0=0.0)
     return Part(unit, None, drawn)

@@ -66,13 +66,30 @@ def number(values, key, default=None, least=0.0):
     return found
 
 
+def interval(dt):
+    """A sampling interval, s, that can be one.
+
+    Raises
+    ------
+    ValueError
+        If it is not known, or not positive.
+    """
+    if dt is None:
+        raise ValueError("the file says no sampling rate: give --dt")
+    if not 0.0 < dt < np.inf:
+        raise ValueError(f"the sampling interval is {dt:g} s: it must be > 0")
+    return dt
+
+
 def walk(raw, path=""):
     """Every dictionary within a JSON or YAML value, with its path."""
-    left = [(path, raw)]
-    while left:    # no recursion: files may be nested at will
+    left, seen = [(path, raw)], set()    # an alias of YAML may hold itself
+    while left:
         path, raw = left.pop(0)
+        if not isinstance(raw, (dict, list)) or id(raw) in seen:
+            continue
+        seen.add(id(raw))
         if isinstance(raw, dict):
             yield path, raw
-        if isinstance(raw, (dict, list)):
-            left += [(f"{path}/{key}" if path else str(key), value) for key, value in
-                     (raw.items() if isinstance(raw, dict) else enumerate(raw))]
+        left += [(f"{path}/{key}" if path else str(key), value) for key, value in
+                 (raw.items() if isinstance(raw, dict) else enumerate(raw))]
