@@ -259,6 +259,12 @@ def test_gyroscope_and_accelerometer_share_a_file(sensor):
         0.02 * 9.80665 * np.sqrt(DT), rel=1e-6)
 
 
+def test_a_wide_bandwidth_is_white_noise(sensor):
+    wide = dict(name="bandwidth", parameters=dict(tau=1e-4))
+    white, processes = sensor(WALK | dict(effects=[wide])).parts
+    assert white == pytest.approx(20.0 * DEG) and len(processes) == 1
+
+
 def test_what_px4_does_not_take_is_told(sensor):
     lost = TARGETS["px4"]([sensor(WALK)]).lost
     assert any("is outside of what PX4 takes" in one for one in lost)
@@ -289,6 +295,7 @@ def test_the_command_writes_or_prints_and_says_what_is_lost(tmp_path, capsys):
     (["--unit", "rad/s"], "the model is in deg/s, not in rad/s"),
     (["--horizon", "0.001"], "shorter than the sampling interval"),
     (["--horizon", "nan"], "shorter than the sampling interval"),
+    (["--horizon", "inf"], "holds more than 1000000 samples"),
     (["--duration", "0"], "holds no two samples"),
     (["--out", "no/such/file"], "cannot be written")])
 def test_bad_options_get_one_line(tmp_path, capsys, options, message):

@@ -64,7 +64,7 @@ def rng():
 KALIBR = """%YAML:1.0
 imu0:
   gyroscope_noise_density: 0.02
-  gyroscope_random_walk: 0.05
+  gyroscope_random_walk: 5e-2
   accelerometer_noise_density: 0.3
   accelerometer_random_walk: 0.2
   update_rate: 50.0
@@ -265,7 +265,9 @@ def test_a_model_that_was_read_survives_writing_and_reading(tmp_path):
     ("imu.yaml", KALIBR.replace("0.02", "-1"), "it must be >= 0"),
     ("imu.yaml", "gyroscope_noise_density: 1", "the file says no sampling rate"),
     ("imu.yaml", "a: b: c", "not a YAML file"),
+    ("imu.yaml", KALIBR.replace("0.02", "much"), "is 'much': a number is needed"),
     ("imu.yaml", "a: b", "no noise of an IMU"),
+    ("m.sdf", '<?xml version="1.0" encoding="utf-7"?><a/>', "not an XML file"),
     ("imu.yaml", "a: &a [*a]", "no noise of an IMU"),
     ("m.sdf", "<sdf>", "not an XML file"),
     ("m.sdf", "<sdf/>", "no noise of an IMU"),

@@ -10,6 +10,9 @@ from sensorlab.gap.effects import Scene, members
 from sensorlab.units import SI, factor, kind_of
 
 
+FORGOTTEN = 1e-3    # a process of a smaller factor counts as white noise
+
+
 class Process(NamedTuple):
     """x_i = a x_{i-1} + N(0, drive^2) from N(0, start^2), part of the error."""
 
@@ -69,9 +72,9 @@ class Axis(NamedTuple):
         h2 = filt.H[0]**2
         found = [Process(float(a), float(np.sqrt(q)), float(np.sqrt(p))) for a, q, p in
                  zip(np.diag(Phi), np.diag(Q) * h2, np.diag(filt.P0) * h2)]
-        white = np.hypot(filt.Psi[0], np.sqrt(sum(p.drive**2 for p in found
-                                                  if p.a == 0.0)))
-        return float(white), tuple(p for p in found if p.a and (p.drive or p.start))
+        white = filt.Psi[0]**2 + sum(p.drive**2 for p in found if p.a < FORGOTTEN)
+        return float(np.sqrt(white)), tuple(
+            p for p in found if p.a >= FORGOTTEN and (p.drive or p.start))
 
 
 def axis(model, unit=None, duration=3600.0):

@@ -27,6 +27,7 @@ from sensorid import model_allan_variance, random_walk
 
 TIMES = 200       # averaging times, at most: between them the bound holds to 5e-4
 FOLKLORE = 10.0
+LONGEST = 10**6   # samples of a horizon: a few seconds of work
 
 
 class Pair(NamedTuple):
@@ -37,16 +38,7 @@ class Pair(NamedTuple):
 
 
 def pairs(axis, horizon):
-    """The pairs of an `Axis` by name: bound, fitted and x10.
-
-    Raises
-    ------
-    ValueError
-        If the horizon is shorter than a sample.
-    """
-    if not horizon >= axis.dt:
-        raise ValueError(f"a horizon of {horizon:g} s is shorter than the sampling "
-                         f"interval, {axis.dt:g} s")
+    """The pairs of an `Axis` by name: bound, fitted and x10."""
     m = averaging_times(axis, horizon)
     ratio = (np.column_stack(pair_variances(axis.dt, m))
              / axis.allan_variance(m)[:, None])
@@ -60,7 +52,19 @@ def pairs(axis, horizon):
 
 
 def averaging_times(axis, horizon):
-    """Averaging times in samples, from one to the horizon, evenly in log."""
+    """Averaging times in samples, from one to the horizon, evenly in log.
+
+    Raises
+    ------
+    ValueError
+        If the horizon is shorter than a sample, or longer than LONGEST.
+    """
+    if not horizon >= axis.dt:
+        raise ValueError(f"a horizon of {horizon:g} s is shorter than the sampling "
+                         f"interval, {axis.dt:g} s")
+    if horizon > LONGEST * axis.dt:
+        raise ValueError(f"a horizon of {horizon:g} s holds more than {LONGEST} "
+                         f"samples, {LONGEST * axis.dt:g} s: integrate for less")
     m = np.geomspace(1, round(horizon / axis.dt), TIMES)
     return np.unique(m.round().astype(int))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sensorlab.exports.text import Choice, export, jumps, pair_of, readings
+from sensorlab.exports.text import Choice, export, jumps, pair_of, readings, start
 
 PLACES = dict(gyroscope="angular_velocity", accelerometer="linear_acceleration")
 FOR_EVER = 1e9    # s, correlation time of a bias that is a walk
@@ -40,23 +40,22 @@ def _values(axis, choice):
     if np.isfinite(axis.limits).any():
         lost += list(readings(axis._replace(lsb=0.0)))
     white = np.sqrt(max(white**2 - axis.lsb**2 / 12.0, 0.0))    # rounded by Gazebo
-    start, s, tau = axis.bias, 0.0, 0.0
+    begin, s, tau = start(axis, processes), 0.0, 0.0
     if len(processes) > 1:
         pair = pair_of(axis, choice)
         white, s, tau = pair.density / np.sqrt(axis.dt), pair.walk, FOR_EVER
         lost.append(f"{len(processes)} processes of the {axis.kind}: Gazebo has one, "
                     "so white noise and a walk bound the error")
     elif processes:
-        a, drive, start_of_process = processes[0]
+        a, drive, of_process = processes[0]
         tau = -axis.dt / np.log(a) if a < 1.0 else FOR_EVER
         s = drive / np.sqrt(-0.5 * tau * np.expm1(-2.0 * axis.dt / tau))
-        start = np.hypot(start_of_process, start)
         if a < 1.0 and axis.bias:
             lost.append(f"a constant bias of the {axis.kind}, of standard deviation "
                         f"{axis.bias:.4g} {axis.unit}: Gazebo's fades with the "
                         "correlation time")
-            start = start_of_process
-    values = dict(mean=0.0, stddev=white, bias_mean=0.0, bias_stddev=start)
+            begin = of_process
+    values = dict(mean=0.0, stddev=white, bias_mean=0.0, bias_stddev=begin)
     if s:
         values |= dict(dynamic_bias_stddev=s, dynamic_bias_correlation_time=tau)
     return values | (dict(precision=axis.lsb) if axis.lsb else {}), lost

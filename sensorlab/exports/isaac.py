@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sensorlab.exports.bound import averaging_times
 from sensorlab.exports.text import Choice, export, jumps, readings
 
 
@@ -30,7 +31,7 @@ def isaac(axes, choice=Choice()):
 
 def _bias(axis, processes, horizon):
     """Root mean square of all that is not white, over the horizon from the start."""
-    i = np.unique(np.linspace(1, max(round(horizon / axis.dt), 1), 500).astype(int))
+    i = np.unique(np.linspace(1, averaging_times(axis, horizon)[-1], 500).astype(int))
     square = axis.bias**2
     for p in processes:
         grown = i if p.a == 1.0 else -np.expm1(2.0 * i * np.log(p.a)) / (1.0 - p.a**2)

@@ -80,17 +80,41 @@ def _parsed(path):
     if kind in XML:
         try:
             return xml.etree.ElementTree.parse(path).getroot()
-        except xml.etree.ElementTree.ParseError as problem:
+        except (xml.etree.ElementTree.ParseError, ValueError) as problem:
             raise ValueError(f"{path}: not an XML file: {problem}") from None
     try:
         text = path.read_text(encoding="utf-8-sig")
-        return isaac.load_yaml(text) if kind in YAML else json.loads(text)
+        return _yaml(text) if kind in YAML else json.loads(text)
     except (UnicodeDecodeError, RecursionError, json.JSONDecodeError) as problem:
         if kind in YAML:
             raise ValueError(f"{path}: not a YAML file: {problem}") from None
         return None    # the reader of model files says what is wrong
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
+
+
+def _yaml(text):
+    """A YAML text; tags of Python become lists, dictionaries and texts."""
+    try:
+        import yaml
+    except ImportError:
+        raise ValueError("a YAML file needs PyYAML: pip install pyyaml") from None
+
+    class Loader(yaml.SafeLoader):
+        pass
+
+    def plain(loader, suffix, node):
+        if isinstance(node, yaml.MappingNode):
+            return loader.construct_mapping(node, deep=True)
+        if isinstance(node, yaml.SequenceNode):
+            return loader.construct_sequence(node, deep=True)
+        return loader.construct_scalar(node)
+    Loader.add_multi_constructor("tag:yaml.org,2002:python/", plain)
+    try:
+        lines = text.splitlines()    # OpenCV's header is no YAML
+        return yaml.load("\n".join(lines[lines[:1] == ["%YAML:1.0"]:]), Loader)
+    except (yaml.YAMLError, TypeError, ValueError) as problem:
+        raise ValueError(f"not a YAML file: {' '.join(str(problem).split())}") from None
 
 
 def _chosen(parts, wanted):

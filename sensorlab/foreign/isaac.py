@@ -18,30 +18,6 @@ from sensorlab.foreign.parts import Part, noise, number, walk
 UNITS = dict(ang_vel="rad/s", lin_acc="m/s^2")    # by the name of an observation
 
 
-def load_yaml(text):
-    """A YAML text; tags of Python become lists, dictionaries and texts."""
-    try:
-        import yaml
-    except ImportError:
-        raise ValueError("a YAML file needs PyYAML: pip install pyyaml") from None
-
-    class Loader(yaml.SafeLoader):
-        pass
-
-    def plain(loader, suffix, node):
-        if isinstance(node, yaml.MappingNode):
-            return loader.construct_mapping(node, deep=True)
-        if isinstance(node, yaml.SequenceNode):
-            return loader.construct_sequence(node, deep=True)
-        return loader.construct_scalar(node)
-    Loader.add_multi_constructor("tag:yaml.org,2002:python/", plain)
-    try:
-        lines = text.splitlines()    # OpenCV's header is no YAML
-        return yaml.load("\n".join(lines[lines[:1] == ["%YAML:1.0"]:]), Loader)
-    except (yaml.YAMLError, TypeError) as problem:
-        raise ValueError(f"not a YAML file: {' '.join(str(problem).split())}") from None
-
-
 def parts(raw):
     """Observations with noise by name; {} if there are none."""
     if not isinstance(raw, dict):

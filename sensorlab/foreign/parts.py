@@ -60,7 +60,12 @@ def number(values, key, default=None, least=0.0):
     """
     if key not in values and default is None:
         raise ValueError(f"{key} is missing")
-    found = as_number(values.get(key, default), key)
+    found = values.get(key, default)
+    try:
+        found = float(found) if isinstance(found, str) else found    # 2e-5 in YAML
+    except ValueError:
+        pass
+    found = as_number(found, key)
     if not found >= least:
         raise ValueError(f"{key} is {found:g}: it must be >= {least:g}")
     return found
