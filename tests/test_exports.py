@@ -16,7 +16,7 @@ from test_foreign import SAMPLES, TRIALS, agree
 
 import sensorid
 import sensorlab
-from sensorlab.commands import main
+from sensorlab.commands import main, options
 from sensorlab.exports import TARGETS
 from sensorlab.exports.axis import axis
 from sensorlab.exports.bound import averaging_times, pair_variances, pairs
@@ -259,10 +259,26 @@ def test_gyroscope_and_accelerometer_share_a_file(sensor):
         0.02 * 9.80665 * np.sqrt(DT), rel=1e-6)
 
 
+def test_fast_processes_are_noise_and_no_bias(sensor, rng):
+    both = dict(name="two_markov", parameters=dict(
+        tau_m=0.04, sigma_m=30.0, tau_n=500.0, sigma_n=10.0, sigma_v=20.0))
+    a = sensor(both)
+    std, bias = (float(v) for v in re.findall(
+        r"std=([\d.e-]+)", TARGETS["isaac"]([a]).text))
+    assert [std, bias] == pytest.approx([np.hypot(20.0, 30.0) * DEG, 10.0 * DEG])
+    for name in ("kalibr", "matlab", "gtsam"):
+        (begin,) = (one for one in TARGETS[name]([a]).lost if "at the start" in one)
+        assert f"{10.0 * DEG:.4g} rad/s" in begin
+
+
 def test_a_wide_bandwidth_is_white_noise(sensor):
     wide = dict(name="bandwidth", parameters=dict(tau=1e-4))
     white, processes = sensor(WALK | dict(effects=[wide])).parts
     assert white == pytest.approx(20.0 * DEG) and len(processes) == 1
+
+
+def test_the_command_lists_every_target():
+    assert options.TARGETS == tuple(TARGETS)
 
 
 def test_what_px4_does_not_take_is_told(sensor):
@@ -291,16 +307,16 @@ def test_the_command_writes_or_prints_and_says_what_is_lost(tmp_path, capsys):
     assert model.dt == DT and model.unit == "rad/s"
 
 
-@pytest.mark.parametrize("options, message", [
+@pytest.mark.parametrize("more, message", [
     (["--unit", "rad/s"], "the model is in deg/s, not in rad/s"),
     (["--horizon", "0.001"], "shorter than the sampling interval"),
     (["--horizon", "nan"], "shorter than the sampling interval"),
     (["--horizon", "inf"], "holds more than 1000000 samples"),
     (["--duration", "0"], "holds no two samples"),
     (["--out", "no/such/file"], "cannot be written")])
-def test_bad_options_get_one_line(tmp_path, capsys, options, message):
+def test_bad_options_get_one_line(tmp_path, capsys, more, message):
     file = model_of(tmp_path, MARKOV)
-    assert main(["export", str(file), "--to", "kalibr", *options]) == 2
+    assert main(["export", str(file), "--to", "kalibr", *more]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
 

@@ -3,6 +3,7 @@ has the moments of the model that is read.
 """
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -287,6 +288,12 @@ def test_a_bad_file_gets_one_sentence(tmp_path, name, text, message):
     with pytest.raises(ValueError, match=message) as problem:
         read(tmp_path, name, text)
     assert "\n" not in str(problem.value)
+
+
+def test_without_pyyaml_one_sentence_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    with pytest.raises(ValueError, match="pip install pyyaml"):
+        read(tmp_path, "imu.yaml", KALIBR)
 
 
 def test_a_part_that_is_not_there_is_told(tmp_path):

@@ -1,7 +1,7 @@
 """Units as the field writes them, and parameters as data sheets quote them."""
 
-import builtins
 import doctest
+import sys
 
 import numpy as np
 import pytest
@@ -50,14 +50,8 @@ def test_what_cannot_be_converted_is_told():
 
 
 def test_without_pint_one_sentence_says_what_to_install(monkeypatch):
-    found = builtins.__import__
-
-    def without(name, *more, **options):
-        if name == "pint":
-            raise ImportError
-        return found(name, *more, **options)
     registry.cache_clear()
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "pint", None)
     with pytest.raises(ValueError, match="pip install pint"):
         quantity("deg/s")
 

@@ -27,8 +27,9 @@ def gazebo(axes, choice=Choice()):
         "Convention: stddev is per sample. dynamic_bias_stddev s is a density, "
         "u/s/sqrt(Hz): the bias is a Markov process of standard deviation "
         "s sqrt(tau / 2) and tau dynamic_bias_correlation_time; bias_stddev is that of "
-        "its first value, which fades with tau (gz-sensors 4 or later, "
-        "src/GaussianNoiseModel.cc, ApplyImpl; Gazebo 11)."),
+        "its first value, which fades with tau (GaussianNoiseModel.cc, ApplyImpl, of "
+        "gz-sensors and of Gazebo classic; their first versions have no dynamic bias)."
+        ),
         [*body, "  </imu>", "</sensor>"], lost, begin="<!-- ", end=" -->",
         choice=choice if several else None)
 
@@ -40,7 +41,7 @@ def _values(axis, choice):
     if np.isfinite(axis.limits).any():
         lost += list(readings(axis._replace(lsb=0.0)))
     white = np.sqrt(max(white**2 - axis.lsb**2 / 12.0, 0.0))    # rounded by Gazebo
-    begin, s, tau = start(axis, processes), 0.0, 0.0
+    begin, s, tau = start(axis, choice), 0.0, 0.0
     if len(processes) > 1:
         pair = pair_of(axis, choice)
         white, s, tau = pair.density / np.sqrt(axis.dt), pair.walk, FOR_EVER
@@ -50,6 +51,7 @@ def _values(axis, choice):
         a, drive, of_process = processes[0]
         tau = -axis.dt / np.log(a) if a < 1.0 else FOR_EVER
         s = drive / np.sqrt(-0.5 * tau * np.expm1(-2.0 * axis.dt / tau))
+        begin = np.hypot(of_process, axis.bias)
         if a < 1.0 and axis.bias:
             lost.append(f"a constant bias of the {axis.kind}, of standard deviation "
                         f"{axis.bias:.4g} {axis.unit}: Gazebo's fades with the "

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sensorlab.exports.bound import averaging_times
-from sensorlab.exports.text import Choice, export, jumps, readings
+from sensorlab.exports.text import Choice, export, jumps, readings, slow_and_fast
 
 
 def isaac(axes, choice=Choice()):
@@ -12,15 +12,21 @@ def isaac(axes, choice=Choice()):
             "GaussianNoiseCfg, NoiseModelWithAdditiveBiasCfg", ""]
     lost = []
     for axis in axes:
-        white, processes = axis.parts
+        slow, fast = slow_and_fast(axis, choice)
+        white = np.sqrt(axis.parts[0]**2 + sum(p.drive**2 / (1.0 - p.a**2)
+                                               for p in fast))
         lost += [*jumps(axis), *readings(axis)]
-        if any(p.drive for p in processes):
+        if fast:
+            lost.append(f"correlation times of the {axis.kind} below "
+                        f"{0.1 * choice.horizon:g} s: white noise of the same variance "
+                        "stands for them")
+        if any(p.drive for p in slow):
             lost.append(f"the drift of the {axis.kind} within an episode: its root "
                         f"mean square over {choice.horizon:g} s stands in the bias")
         body += [f"{axis.kind} = NoiseModelWithAdditiveBiasCfg(",
                  f"    noise_cfg=GaussianNoiseCfg(mean=0.0, std={white:.9g}),",
                  "    bias_noise_cfg=GaussianNoiseCfg(mean=0.0, "
-                 f"std={_bias(axis, processes, choice.horizon):.9g}, "
+                 f"std={_bias(axis, slow, choice.horizon):.9g}, "
                  "operation=\"abs\"))"]
     return export(axes, (
         f"Convention: std is per observation, here every {axes[0].dt:g} s; the bias is "
@@ -29,11 +35,11 @@ def isaac(axes, choice=Choice()):
         "(isaaclab/utils/noise/noise_model.py)."), body, lost)
 
 
-def _bias(axis, processes, horizon):
-    """Root mean square of all that is not white, over the horizon from the start."""
+def _bias(axis, slow, horizon):
+    """Root mean square of bias and slow processes, over the horizon from the start."""
     i = np.unique(np.linspace(1, averaging_times(axis, horizon)[-1], 500).astype(int))
     square = axis.bias**2
-    for p in processes:
+    for p in slow:
         grown = i if p.a == 1.0 else -np.expm1(2.0 * i * np.log(p.a)) / (1.0 - p.a**2)
         square += np.mean(p.a**(2.0 * i) * p.start**2 + p.drive**2 * grown)
     return float(np.sqrt(square))

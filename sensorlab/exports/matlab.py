@@ -53,9 +53,9 @@ def _values(axis, choice):
             BiasInstability=f"{markov[0].drive:.9g}",
             BiasInstabilityCoefficients="struct('Numerator', 1, 'Denominator', "
                                         f"[1 {-markov[0].a:.12g}])")
-    if axis.bias or any(p.start for p in processes):
+    if start(axis, choice):
         lost.append(f"the value of the {axis.kind} at the start, of standard deviation "
-                    f"{start(axis, processes):.4g} {axis.unit}: set ConstantBias to a "
+                    f"{start(axis, choice):.4g} {axis.unit}: set ConstantBias to a "
                     "draw of it")
     if axis.lsb:
         values["Resolution"] = f"{axis.lsb:.9g}"

@@ -22,7 +22,7 @@ def kalibr(axes, choice=Choice()):
         "sqrt(dt), step of the bias = random_walk * sqrt(dt). "
         "https://github.com/ethz-asl/kalibr/wiki/IMU-Noise-Model"),
         [*_kalibr_lines(axes, choice), "rostopic: /imu0",
-         f"update_rate: {1.0 / axes[0].dt:g}"], of_numbers(axes), choice=choice)
+         f"update_rate: {1.0 / axes[0].dt:g}"], of_numbers(axes, choice), choice=choice)
 
 
 def openvins(axes, choice=Choice()):
@@ -35,7 +35,7 @@ def openvins(axes, choice=Choice()):
         "Convention: as Kalibr's, continuous and two-sided: noise per sample = "
         "noise_density / sqrt(dt), step of the bias = random_walk * sqrt(dt) "
         "(ov_msckf/src/sim/Simulator.cpp, get_next_imu). T_i_b is to be filled in."),
-        body, of_numbers(axes), choice=choice, head="%YAML:1.0")
+        body, of_numbers(axes, choice), choice=choice, head="%YAML:1.0")
 
 
 def _kalibr_lines(axes, choice):
@@ -57,7 +57,7 @@ def vins(axes, choice=Choice()):
         "the bias (vins_estimator/src/factor/integration_base.h, midPointIntegration), "
         "so n = density sqrt(2 / dt) and w = walk / sqrt(dt): a density written there "
         f"is too small by {np.sqrt(2.0 / axes[0].dt):.3g} at this rate."), body,
-        of_numbers(axes), choice=choice)
+        of_numbers(axes, choice), choice=choice)
 
 
 def gtsam(axes, choice=Choice()):
@@ -73,7 +73,7 @@ def gtsam(axes, choice=Choice()):
         "Convention: continuous and two-sided, as squares: one step of dt adds "
         "covariance * dt to the variance of the integral and bias covariance * dt to "
         "that of the bias (gtsam/navigation/CombinedImuFactor.cpp, "
-        "integrateMeasurement)."), body, of_numbers(axes), choice=choice)
+        "integrateMeasurement)."), body, of_numbers(axes, choice), choice=choice)
 
 
 PX4_INTERVAL = 0.01    # s, EKF2_PREDICT_US
@@ -99,4 +99,4 @@ def px4(axes, choice=Choice()):
         "(src/modules/ekf2/EKF/covariance.cpp, predictCovariance), so both are density "
         "and walk over sqrt(10 ms): ten times an Allan deviation."),
         [f"1\t1\t{name}\t{value:.9f}\t9" for name, value in values.items()],
-        [*of_numbers(axes), *outside], choice=choice)
+        [*of_numbers(axes, choice), *outside], choice=choice)

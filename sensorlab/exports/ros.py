@@ -23,4 +23,4 @@ def ros(axes, choice=Choice()):
         "it takes the samples for independent. So it is that of the white noise whose "
         f"integral, up to {choice.horizon:g} s with the bias from as long a time at "
         "rest before, is nowhere less uncertain than the sensor's."), body,
-        of_numbers(axes, "a white noise"))
+        of_numbers(axes, choice, "a white noise"))

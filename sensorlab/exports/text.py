@@ -73,7 +73,7 @@ def _walk_unit(axis):
     return "walk, " + {"rad/s": "rad/s^2", "m/s^2": "m/s^3"}[axis.unit] + "/sqrt(Hz)"
 
 
-def of_numbers(axes, instead="a walk"):
+def of_numbers(axes, choice, instead="a walk"):
     """What is lost where a program knows two numbers, or one."""
     for axis in axes:
         _, processes = axis.parts
@@ -82,15 +82,27 @@ def of_numbers(axes, instead="a walk"):
                    "error stands for them")
         yield from jumps(axis)
         yield from readings(axis)
-        if axis.bias or any(p.start for p in processes):
+        begin = start(axis, choice)
+        if begin:
             yield (f"the bias of the {axis.kind} at the start, of standard deviation "
-                   f"{start(axis, processes):.4g} {axis.unit}: give it as that of the "
-                   "initial bias, where the program asks for one")
+                   f"{begin:.4g} {axis.unit}: give it as that of the initial bias, "
+                   "where the program asks for one")
 
 
-def start(axis, processes):
-    """Standard deviation of all that is not white at the start."""
-    return float(np.sqrt(axis.bias**2 + sum(p.start**2 for p in processes)))
+def slow_and_fast(axis, choice):
+    """The processes of an axis: those that a program takes for its bias, with a
+    correlation time of a tenth of the horizon and more, and the others.
+    """
+    _, processes = axis.parts
+    slow = [p for p in processes
+            if p.a == 1.0 or -axis.dt / np.log(p.a) >= 0.1 * choice.horizon]
+    return slow, [p for p in processes if p not in slow]
+
+
+def start(axis, choice):
+    """Standard deviation of the bias at the start, slow processes among it."""
+    slow, _ = slow_and_fast(axis, choice)
+    return float(np.sqrt(axis.bias**2 + sum(p.start**2 for p in slow)))
 
 
 def readings(axis):

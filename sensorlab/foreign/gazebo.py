@@ -11,7 +11,7 @@ Gazebo classic, sensors/GaussianNoiseModel.cc):
 with s dynamic_bias_stddev and tau dynamic_bias_correlation_time. So stddev is per
 sample, whatever the rate; s is no standard deviation but a density, u/s/sqrt(Hz): the
 bias wanders by s sqrt(tau / 2); and the bias of the start fades with tau. Where s or
-tau is 0 it stays. gz-sensors before version 4 does not know s and tau.
+tau is 0 it stays. The first versions of gz-sensors do not know s and tau.
 """
 
 import numpy as np

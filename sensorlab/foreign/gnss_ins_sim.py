@@ -7,7 +7,7 @@ gnss_ins_sim/sim/imu_model.py):
     c_k = (1 - dt / tau) c_{k-1} + drift sqrt(1 - exp(-2 dt / tau)) u_k,   c_0 = 0
 
 with drift the b_stability, tau the b_corr and standard normal w, u. Without b_corr the
-drift is one more white noise, drift u_k, whatever the rate. Versions before 2019 had
+drift is one more white noise, drift u_k, whatever the rate. Early versions had
 dt drift u_k in place of the last term.
 """
 
