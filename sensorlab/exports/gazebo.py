@@ -36,11 +36,9 @@ def gazebo(axes, choice=Choice()):
 
 def _values(axis, choice):
     """Elements of a noise block, and what they do not say."""
-    white, processes = axis.parts
-    lost = list(jumps(axis))
-    if np.isfinite(axis.limits).any():
-        lost += list(readings(axis._replace(lsb=0.0)))
-    white = np.sqrt(max(white**2 - axis.lsb**2 / 12.0, 0.0))    # rounded by Gazebo
+    unrounded = axis._replace(lsb=0.0)    # Gazebo rounds by itself
+    white, processes = unrounded.parts
+    lost = [*jumps(axis), *readings(unrounded)]
     begin, s, tau = start(axis, choice), 0.0, 0.0
     if len(processes) > 1:
         pair = pair_of(axis, choice)

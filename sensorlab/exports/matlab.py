@@ -37,9 +37,8 @@ def _markov(axis):
 
 def _values(axis, choice):
     """Properties by name as MATLAB writes them, and what they do not say."""
-    white, processes = axis.parts
+    white, processes = axis._replace(lsb=0.0).parts    # MATLAB rounds by itself
     lost, markov = list(jumps(axis)), _markov(axis)
-    white = np.sqrt(max(white**2 - axis.lsb**2 / 12.0, 0.0))    # rounded by MATLAB
     walk = np.sqrt(sum(p.drive**2 for p in processes if p.a == 1.0) / axis.dt)
     density = white * np.sqrt(axis.dt)
     if len(markov) > 1:

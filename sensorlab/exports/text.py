@@ -46,7 +46,7 @@ def export(axes, convention, body, lost=(), begin="# ", end="", choice=None, hea
         What must stand in the first line of the file.
     """
     lost = tuple(dict.fromkeys([*lost, *(s for axis in axes for s in axis.strange)]))
-    said = [f"{a.kind}: {a.name}, identified at {a.dt:g} s" for a in axes]
+    said = [f"{a.kind}: {a.name}, every {a.dt:g} s" for a in axes]
     said += _wrapped(convention, 84 - len(begin))
     for axis in axes if choice else ():
         said += _pair_table(axis, choice)
