@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import programs
 import yaml
+from scipy.signal import fftconvolve
 from test_foreign import SAMPLES, TRIALS, agree
 
 import sensorid
@@ -200,6 +201,41 @@ def test_the_bound_is_nowhere_exceeded_and_the_smallest(sensor, hypothesis, hori
     assert 0.9995 < ratio(*bound) < 1.0001
     assert ratio(0.98 * bound.density, bound.walk) < 0.999
     assert bound.walk == 0.0 or ratio(bound.density, 0.98 * bound.walk) < 0.9999
+
+
+def true_over_foretold(a, pair, m):
+    """Of the error of m integrated samples, less what a Kalman filter of the bias with
+    this pair, in steady state, says: standard deviation over the one that it foretells.
+    """
+    r, q = pair.density**2 / DT, pair.walk**2 * DT
+    before = (q + np.sqrt(q * q + 4.0 * q * r)) / 2.0
+    gain = before / (before + r)
+    past = gain * (1.0 - gain)**np.arange(int(20.0 / gain))
+    weight = np.append(-m * DT * past[::-1], np.full(m, DT))    # of every sample
+    lag = np.arange(len(weight))
+    product = fftconvolve(weight, weight[::-1])[len(weight) - 1:]
+    product[1:] *= 2.0
+    white, processes = a.parts
+    variance = white**2 * product[0]
+    for p in processes:
+        if p.a == 1.0:
+            variance += p.drive**2 * np.sum(np.cumsum(weight[::-1])**2)
+        else:
+            variance += p.drive**2 / (1.0 - p.a**2) * np.sum(p.a**lag * product)
+    foretold = ((m * DT)**2 * before * (1.0 - gain) + m * DT**2 * r
+                + q * DT**2 * np.sum(np.arange(1.0, m + 1.0)**2))
+    return np.sqrt(variance / foretold)
+
+
+@pytest.mark.parametrize("hypothesis", [WALK, MARKOV, BOTH, TWO, FLICKER])
+@pytest.mark.parametrize("horizon", [2.0, 20.0])
+def test_a_filter_with_the_bound_foretells_no_less_than_its_error(sensor, hypothesis,
+                                                                  horizon):
+    a = sensor(hypothesis)
+    bound = pairs(a, horizon)["bound"]
+    ratio = [true_over_foretold(a, bound, round(part * horizon / DT))
+             for part in (0.01, 0.03, 0.1, 0.3, 1.0)]
+    assert 0.9 < max(ratio) < 1.001, ratio
 
 
 def test_a_walk_in_white_noise_is_its_own_bound(sensor):
