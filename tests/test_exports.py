@@ -284,6 +284,20 @@ def test_every_file_says_its_convention_and_what_is_lost(sensor):
         assert text.count("Lost: ") == len(lost), name
 
 
+def test_simulators_of_one_process_get_the_bound_for_several(sensor):
+    a = sensor(TWO)
+    bound = pairs(a, 60.0)["bound"]
+    gazebo, matlab = (TARGETS[name]([a]).text for name in ("gazebo", "matlab"))
+    assert "<- written" in gazebo and "<- written" in matlab
+    for text, key, value in [(gazebo, "stddev>", bound.density / np.sqrt(DT)),
+                             (gazebo, "dynamic_bias_stddev>", bound.walk),
+                             (matlab, "'NoiseDensity', ", bound.density),
+                             (matlab, "'RandomWalk', ", bound.walk)]:
+        written = float(re.search(rf"[<\s]{key}([\d.e-]+)", text)[1])
+        assert written == pytest.approx(value, rel=1e-6)
+    assert "BiasInstability" not in matlab
+
+
 def test_gyroscope_and_accelerometer_share_a_file(sensor):
     both = [sensor(WALK), sensor(WALK, unit="mg")]
     for name, target in TARGETS.items():
