@@ -81,6 +81,11 @@ def quantity(text):
                      "m/s^2 or mg (milli-g)")
 
 
+def alike(one, other):
+    """Do two quantities measure the same thing?"""
+    return quantity(one).dimensionality == quantity(other).dimensionality
+
+
 def factor(old, new):
     """What numbers in the unit `old` are multiplied by to be in the unit `new`.
 
@@ -89,11 +94,10 @@ def factor(old, new):
     >>> round(factor("deg/sqrt(h)", "deg/s/sqrt(Hz)") * 60, 12)
     1.0
     """
-    old, new = quantity(old), quantity(new)
-    if old.dimensionality != new.dimensionality:
-        raise ValueError(f"{old.units:~} cannot be given in {new.units:~}: "
+    if not alike(old, new):
+        raise ValueError(f"{old} cannot be given in {new}: "
                          "they measure different things")
-    return float((old / new).to_base_units().magnitude)
+    return float((quantity(old) / quantity(new)).to_base_units().magnitude)
 
 
 def kind_of(unit):
@@ -105,7 +109,7 @@ def kind_of(unit):
         If it is the unit of neither.
     """
     for si, kind in SI.items():
-        if quantity(unit).dimensionality == quantity(si).dimensionality:
+        if alike(unit, si):
             return kind
     raise ValueError(f"unit {unit!r} is neither an angular rate nor an acceleration: "
                      "deg/s, rad/s, deg/h, m/s^2, g or mg is needed")
@@ -175,27 +179,39 @@ def quoted(parameters, dt, unit, report=()):
     Raises
     ------
     ValueError
-        If the unit is another, or a unit of `report` fits no parameter.
+        If the unit is another.
     """
-    which = list(SI.values()).index(kind_of(unit))
-    found, used = [], set()
+    which, found = list(SI.values()).index(kind_of(unit)), []
     for symbol, mean, sd in parameters:
-        if symbol not in QUOTES:
-            continue
-        q = QUOTES[symbol]
-        own = q.per if q.per == "s" else f"({unit}){q.per}"
-        fitting = [r for r in report
-                   if quantity(r).dimensionality == quantity(own).dimensionality]
-        used.update(fitting)
-        shown = fitting[-1] if fitting else q.units[which]
-        times = q.factor(dt) * factor(own, shown)
-        found.append(Quoted(symbol, q.names[which], q.formula, mean * times, sd * times,
-                            shown))
-    for r in report:
-        if r not in used:
-            raise ValueError(f"{r} fits no parameter of this model: they are "
-                             + ", ".join(f"{q.name} in {q.unit}" for q in found))
+        if symbol in QUOTES:
+            q = QUOTES[symbol]
+            fitting = [r for r in report if alike(r, _own(q, unit))]
+            shown = fitting[-1] if fitting else q.units[which]
+            times = q.factor(dt) * factor(_own(q, unit), shown)
+            found.append(Quoted(symbol, q.names[which], q.formula, mean * times,
+                                sd * times, shown))
     return tuple(found)
+
+
+def check_report(unit, report):
+    """Refuse a unit to report in that no parameter can be quoted in.
+
+    Raises
+    ------
+    ValueError
+        If there is one.
+    """
+    usual = quoted([(symbol, 1.0, 0.0) for symbol in QUOTES], 1.0, unit)
+    for r in report:
+        if not any(alike(r, _own(q, unit)) for q in QUOTES.values()):
+            raise ValueError(f"{r} fits no parameter of this sensor; they are "
+                             + ", ".join(dict.fromkeys(f"{q.name} in {q.unit}"
+                                                       for q in usual)))
+
+
+def _own(q, unit):
+    """Unit of a quote before it is given as the field writes it."""
+    return q.per if q.per == "s" else f"({unit}){q.per}"
 
 
 def quote_table(found):

@@ -335,7 +335,7 @@ def test_a_record_is_converted_to_the_unit_of_the_model(folder, capsys):
     ("identify r.npz --report deg/h", "give it with --unit"),
     ("identify r.npz --unit m", "neither an angular rate nor an acceleration"),
     ("identify r.npz --scale 0", "--scale is 0"),
-    ("identify r.npz --unit deg/s --report mg", "mg fits no parameter of this model"),
+    ("identify r.npz --unit deg/s --report mg", "mg fits no parameter of this sensor"),
     ("diagnose r.npz --scale nan", "--scale is nan")])
 def test_units_that_do_not_fit_get_one_line(folder, capsys, line, message):
     assert main(line.split()) == 2

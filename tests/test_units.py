@@ -8,7 +8,7 @@ import pytest
 
 import sensorlab.units
 from sensorlab.units import (
-    factor, flicker_sigma, kind_of, low_pass_time, quantity, quote_table, quoted,
+    check_report, factor, flicker_sigma, kind_of, low_pass_time, quantity, quote_table, quoted,
     registry, white_from_density)
 
 DEG, G = np.pi / 180.0, 9.80665
@@ -82,8 +82,9 @@ def test_units_may_be_asked_for():
                    0.01, "deg/s", ["rad/s/sqrt(Hz)", "min"])
     assert [q.unit for q in found] == ["rad/s/sqrt(Hz)", "min"]
     assert [q.mean for q in found] == pytest.approx([0.05 * DEG, 1.5])
-    with pytest.raises(ValueError, match="mg fits no parameter of this model"):
-        quoted([("sigma_v", 0.5, 0.0)], 0.01, "deg/s", ["mg"])
+    with pytest.raises(ValueError, match="mg fits no parameter of this sensor; they are"
+                                         " angle random walk in deg/sqrt"):
+        check_report("deg/s", ["h", "mg"])
 
 
 def test_what_a_data_sheet_says_more():

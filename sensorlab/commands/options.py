@@ -25,12 +25,13 @@ Sensors 2019, 19(9), 1997); and why a simulated sensor differs from the real one
 
 EPILOG = """\
 a first session:
-  python -m sensorid identify record.csv --plot record.png
+  python -m sensorid identify record.csv --plot record.png --unit deg/s \\
+    --save-model gyro.json
   python -m sensorid criteria model.json --duration 2000 --trials 500
   python -m sensorid simulate model.json --samples 20000 --records 10 \\
     --out simulated.npz
   python -m sensorid diagnose record.csv --model model.json --out gap
-  python -m sensorid export model.json --to kalibr --unit deg/s --out imu.yaml
+  python -m sensorid export gyro.json --to kalibr --out imu.yaml
 
 record.csv has a header: time,error. model.json holds the hypotheses:
   {"dt": 0.1, "unit": "deg/h", "bias_sigma": 1.0, "hypotheses": [

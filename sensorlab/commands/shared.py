@@ -10,7 +10,7 @@ import numpy as np
 from sensorid import write_whole
 from sensorlab.gap.report import finite
 from sensorlab.records import loaded, read_record
-from sensorlab.units import factor, kind_of, quoted
+from sensorlab.units import check_report, factor, quoted
 
 
 def progress_bar(done, total):
@@ -54,7 +54,7 @@ def in_unit(record, options, model=None):
         if unit == "u":
             raise ValueError("--report needs the unit of the record: "
                              "give it with --unit")
-        kind_of(unit)
+        check_report(unit, _report(options))
     return record._replace(error=times * record.error), unit
 
 
@@ -62,8 +62,11 @@ def as_quoted(parameters, dt, unit, options):
     """Parameters as the field quotes them, if --unit or --report asks for it."""
     if not (options.unit or options.report):
         return ()
-    report = [part for part in (options.report or "").split(",") if part]
-    return quoted(parameters, dt, unit, report)
+    return quoted(parameters, dt, unit, _report(options))
+
+
+def _report(options):
+    return [part for part in (options.report or "").split(",") if part]
 
 
 def refuse_effects(file, model):

@@ -23,7 +23,7 @@ import numpy as np
 from sensorid import as_number
 from sensorlab.foreign.parts import interval
 from sensorlab.units import (
-    factor, flicker_sigma, kind_of, low_pass_time, quantity, white_from_density)
+    alike, factor, flicker_sigma, kind_of, low_pass_time, white_from_density)
 
 KEYS = ("noise_density", "random_walk", "rate_random_walk", "bias_instability",
         "bandwidth", "resolution", "range", "bias", "rate", "sampling_interval",
@@ -93,7 +93,7 @@ def _white_and_walk(sheet, unit, dt):
                                         1.0 / dt))
     for key in ("random_walk", "rate_random_walk"):
         if key in sheet:
-            if key == "random_walk" and _fits(sheet[key], angle):
+            if key == "random_walk" and alike(sheet[key], angle):
                 white.append(_value(sheet, key, angle) / np.sqrt(dt))
             else:
                 walk = np.hypot(walk, _value(sheet, key, rate) * np.sqrt(dt))
@@ -104,17 +104,12 @@ def _white_and_walk(sheet, unit, dt):
     return white[0], walk
 
 
-def _fits(text, unit):
-    return quantity(text).dimensionality == quantity(unit).dimensionality
-
-
 def _value(sheet, key, unit):
     """A positive number in a unit."""
     try:
-        found = quantity(sheet[key]).magnitude * factor(
-            f"{quantity(sheet[key]).units}", unit)
+        found = factor(sheet[key], unit)
     except ValueError as problem:
         raise ValueError(f"{key}: {problem}") from None
     if not found > 0.0:
         raise ValueError(f"{key} is {sheet[key]}: it must be > 0")
-    return float(found)
+    return found
