@@ -8,8 +8,8 @@ import pytest
 
 import sensorlab.units
 from sensorlab.units import (
-    check_report, factor, flicker_sigma, kind_of, low_pass_time, quantity, quote_table, quoted,
-    registry, white_from_density)
+    check_report, factor, flicker_sigma, kind_of, low_pass_time, quantity, quote_table,
+    quoted, registry, white_from_density)
 
 DEG, G = np.pi / 180.0, 9.80665
 
