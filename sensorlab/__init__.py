@@ -4,7 +4,10 @@ other algorithms, files, pictures, the command line.
     gap/           effect, size and place of what a simulator lacks; see `sensorlab.gap`
     rivals         other algorithms, the Cramer-Rao bound
     readers/       recordings as files and programs hold them
+    units          units of the field, parameters as data sheets quote them
+    foreign/       data sheets and other programs' files as model files
     modelfiles     simulators as files hold them; modelschema says what is in them
+    exports/       the sensor in the format of other programs
     drawings       the pictures of --plot and of a diagnosis
     commands/      the command line
 

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import Parameter, as_parameter, hypothesis
+from sensorlab.foreign import translated
+from sensorlab.foreign.parts import FOREIGN
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Found, Simulator
 from sensorlab.modelschema import parsed, problem
@@ -21,8 +23,9 @@ class Model(NamedTuple):
     posterior_of: str = ""    # the record that its ranges come from, if one
 
 
-def read_model(file):
-    """Model from a JSON file.
+def read_model(file, dt=None):
+    """Model from a JSON file, a data sheet or another program's file; see
+    `sensorlab.foreign` for the latter, and for `dt`.
 
     The file holds `dt`, s, optionally `unit`, `bias_sigma` (1) and `prior` ("uniform"
     or "log"), and `hypotheses`: a list of `name`, a name in MODELS, and `parameters`,
@@ -36,13 +39,10 @@ def read_model(file):
     ValueError
         With one sentence on what is wrong with the file, and where.
     """
+    tree = translated(file, dt)
     file = pathlib.Path(file)
-    if not file.is_file():
-        raise ValueError(f"{file}: no such model file")
-    try:
-        tree = parsed(file.read_text(encoding="utf-8-sig"))
-    except (ValueError, OSError, RecursionError) as wrong:
-        raise ValueError(f"{file}: not a JSON model file: {wrong}") from None
+    if tree is None:
+        tree = _json(file)
     try:
         wrong = problem(tree)
         if wrong:
@@ -61,10 +61,21 @@ def read_model(file):
                  tree.get("posterior_of", ""))
 
 
+def _json(file):
+    """Content of a JSON model file."""
+    if not file.is_file():
+        raise ValueError(f"{file}: no such model file")
+    try:
+        return parsed(file.read_text(encoding="utf-8-sig"))
+    except (ValueError, OSError, RecursionError) as wrong:
+        raise ValueError(f"{file}: not a JSON model file: {wrong}") from None
+
+
 def _hypothesis_from(where, entry, tree):
     """One hypothesis of a model file and its effects."""
     try:
-        h = hypothesis(entry["name"], name=entry.get("label"),
+        h = hypothesis(FOREIGN.get(entry["name"], entry["name"]),
+                       name=entry.get("label"),
                        bias_sigma=entry.get("bias_sigma", tree.get("bias_sigma", 1.0)),
                        prior=entry.get("prior", tree.get("prior", "uniform")),
                        **{symbol: _prior(value) for symbol, value

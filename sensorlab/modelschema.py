@@ -11,6 +11,7 @@ import textwrap
 import numpy as np
 
 from sensorid import MODELS
+from sensorlab.foreign.parts import FOREIGN
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Scene, psi_of
 
@@ -39,14 +40,14 @@ READINGS = dict(
 
 def schema():
     """The JSON Schema (draft 2020-12) of a model file."""
-    hypothesis = _named({name: _of_model(model) for name, model in MODELS.items()},
-                        label=PRINTABLE, prior=PRIOR,
-                        bias_sigma=dict(type="number", **NOT_NEGATIVE),
-                        effects=dict(type=["array", "null"], items=_named({
-                            name: _of_effect(effect)
-                            for name, effect in CATALOGUE.items() if not effect.factor},
-                            column=COLUMN,
-                            variant=dict(type=["string", "null"]))))
+    models = {name: _of_model(model) for name, model in {**MODELS, **FOREIGN}.items()}
+    effects = {name: _of_effect(effect) for name, effect in CATALOGUE.items()
+               if not effect.factor}
+    hypothesis = _named(
+        models, label=PRINTABLE, prior=PRIOR,
+        bias_sigma=dict(type="number", **NOT_NEGATIVE),
+        effects=dict(type=["array", "null"], items=_named(
+            effects, column=COLUMN, variant=dict(type=["string", "null"]))))
     hypothesis["required"] = ["name"]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema",
             "title": "Model file of sensorid", **_object(

@@ -359,3 +359,40 @@ def test_a_black_box_simulator_is_taken_by_its_records(tmp_path, capsys):
     assert main(["diagnose", str(tmp_path / "r.npz"), "--simulated",
                           str(tmp_path / "s.npz")]) == 0
     assert "verdict: bias_step" in capsys.readouterr().out
+
+
+def test_parameters_are_quoted_as_data_sheets_do(folder, capsys):
+    np.savez("counts.npz", error=np.load("r.npz")["error"] / 0.05, dt=1.0)
+    assert main("identify counts.npz --scale 0.05 --unit deg/s --report deg/s/sqrt(Hz) "
+                "--hypotheses random_walk --json o.json".split()) == 0
+    said = capsys.readouterr().out
+    assert "sigma_v = 0.5" in said
+    assert "deg/s/sqrt(Hz)    (N = sigma_v sqrt(dt))" in said
+    white, walk = sorted(json.loads(pathlib.Path("o.json").read_text())["quoted"],
+                         key=lambda q: q["symbol"])
+    assert white["name"] == "angle random walk" and abs(white["mean"] - 0.5) < 0.02
+    assert walk["unit"] == "deg/h/sqrt(h)"
+    assert abs(walk["mean"] / 3600 / 60 - 0.1) < 0.02
+
+
+def test_a_record_is_converted_to_the_unit_of_the_model(folder, capsys):
+    pathlib.Path("h.json").write_text(json.dumps(MODEL | {"unit": "deg/s"}))
+    np.savez("hours.npz", error=np.load("r.npz")["error"] * 3600, dt=1.0)
+    assert main("identify hours.npz --model h.json --unit deg/h".split()) == 0
+    said = capsys.readouterr().out
+    assert "random_walk" in said and "deg/s" in said and "deg/sqrt(h)" in said
+    assert main("diagnose hours.npz --model h.json --unit deg/h".split()) == 0
+    said = capsys.readouterr().out
+    assert "verdict: none" in said and "as data sheets quote it" in said
+
+
+@pytest.mark.parametrize("line, message", [
+    ("identify r.npz --report deg/h", "give it with --unit"),
+    ("identify r.npz --unit m", "neither an angular rate nor an acceleration"),
+    ("identify r.npz --scale 0", "--scale is 0"),
+    ("identify r.npz --unit deg/s --report mg", "mg fits no parameter of this sensor"),
+    ("diagnose r.npz --scale nan", "--scale is nan")])
+def test_units_that_do_not_fit_get_one_line(folder, capsys, line, message):
+    assert main(line.split()) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1

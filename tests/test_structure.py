@@ -61,8 +61,9 @@ ROOMS = {    # of the laboratory; each takes only from those before it
                       "remainder", "verdict", "diagnosis", "blackbox", "report"],
     "sensorlab/readers": ["clocks", "channels", "messages", "arrays", "text", "objects",
                           "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],
-    "sensorlab": ["printable", "gap", "rivals", "planning", "readers", "modelschema",
-                  "modelfiles", "drawings", "commands"]}
+    "sensorlab": ["printable", "gap", "rivals", "planning", "readers", "units",
+                  "foreign", "modelschema", "modelfiles", "exports", "drawings",
+                  "commands"]}
 
 
 def imported(file):
@@ -182,7 +183,7 @@ def test_the_readmes_commands_run(tmp_path, monkeypatch):
     pathlib.Path("model.json").write_text(model)
     commands = re.findall(r"^python -m sensorid (.*)$", README, re.M)
     assert {c.split()[0] for c in commands} == {
-        "identify", "criteria", "simulate", "diagnose"}
+        "identify", "criteria", "simulate", "diagnose", "export"}
     for command in commands:
         assert main(
             command.replace("--trials 500", "--trials 20").split()) == 0

@@ -4,8 +4,8 @@ import pathlib
 
 from sensorid import default_hypotheses
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, read, refuse_unused, simulated_records, write_json,
-    write_text)
+    as_quoted, check_outputs, in_unit, progress_bar, read, refuse_unused,
+    simulated_records, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.catalogue import CATALOGUE
@@ -13,6 +13,7 @@ from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
 from sensorlab.gap.effects import Scene, Simulator, describe
 from sensorlab.gap.report import report, table
 from sensorlab.modelfiles import Model, check_onsets, model_text, read_model
+from sensorlab.units import quote_table
 
 
 def run(options):
@@ -25,13 +26,12 @@ def run(options):
         return _list_effects(options)
     if options.record is None:
         raise ValueError("diagnose needs a record (--effects alone does without)")
-    model = read_model(options.model) if options.model else None
+    model = read_model(options.model, options.dt) if options.model else None
     folder = _checked_folder(options)
     plt = matplotlib_for_files() if folder else None
     beside = None if options.covariates is None else [
         part for part in options.covariates.split(",") if part]
-    record = read(options, model, beside)
-    unit = model.unit if model else record.unit or "u"
+    record, unit = in_unit(read(options, model, beside), options, model)
     simulated = simulated_records(options, record.dt) if options.simulated else None
     simulator = _simulator(model, simulated, record)
     try:
@@ -40,6 +40,9 @@ def run(options):
                      seed=options.seed, progress=progress_bar, simulated=simulated)
     except ValueError as problem:
         raise ValueError(f"{options.model or record.file}: {problem}") from None
+    (h,) = augmented(d).hypotheses
+    quotes = as_quoted([(p.symbol, p.mean, p.sd) for p in h.parameters], record.dt,
+                       unit, options)
     if folder:
         folder.mkdir(exist_ok=True)
         write_text(folder / "model.json",
@@ -48,6 +51,8 @@ def run(options):
         write_json(folder / "report.json", report(d, record))
         save(draw_diagnosis(plt, d, record, unit), folder / "report.png")
     print(table(d, record, unit), end="")
+    if quotes:
+        print(f"{h.name}, as data sheets quote it:\n" + quote_table(quotes))
     if folder:
         print(f"{folder}: report.json, report.png, model.json")
 

@@ -8,14 +8,16 @@ from sensorid import (
     MODELS, Parameter, allan_misfit, decide, default_hypotheses, identify, matrices,
     summary)
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, read, refuse_effects, write_json, write_text)
+    as_quoted, check_outputs, in_unit, progress_bar, read, refuse_effects, write_json,
+    write_text)
 from sensorlab.drawings import draw_identify, matplotlib_for_files, save
 from sensorlab.gap.effects import Simulator
 from sensorlab.modelfiles import Model, model_text, read_model
+from sensorlab.units import quote_table
 
 
 def run(options):
-    model = read_model(options.model) if options.model else None
+    model = read_model(options.model, options.dt) if options.model else None
     refuse_effects(options.model, model)
     if model and options.hypotheses is not None:
         raise ValueError("--hypotheses names defaults and --model brings its own: "
@@ -23,17 +25,20 @@ def run(options):
     check_outputs([options.record, options.model], options.json, options.save_model,
                   plot=options.plot)
     plt = matplotlib_for_files() if options.plot else None
-    record = read(options, model)
+    record, unit = in_unit(read(options, model), options, model)
     y, dt = record.error, record.dt
     names = ("white_noise,random_walk,markov" if options.hypotheses is None
              else options.hypotheses)
     names = MODELS if names == "all" else names.split(",")
     hypotheses = (model.simulator.hypotheses if model else
                   default_hypotheses(y, dt, names))
-    unit = model.unit if model else record.unit or "u"
     posterior = identify(y, dt, hypotheses, progress=progress_bar)
     misfit = allan_misfit(y, dt, posterior.best)
 
+    best = posterior.best
+    quotes = as_quoted([(p.symbol, *part) for p, *part in zip(
+        best.hypothesis.parameters, best.mean, np.sqrt(np.diag(best.covariance)))],
+        dt, unit, options)
     chosen = decide(posterior)
     result = dict(
         record=dict(file=record.file, column=record.column, samples=len(y), dt=dt),
@@ -46,7 +51,8 @@ def run(options):
             matrices=matrices(e, dt), nodes_per_sd=e.nodes_per_sd.tolist(),
             settled=e.settled)
             for k, e in enumerate(posterior.estimates)],
-        allan_misfit=dict(tau=misfit.tau, ratio=misfit.ratio, sd=misfit.sd))
+        allan_misfit=dict(tau=misfit.tau, ratio=misfit.ratio, sd=misfit.sd),
+        quoted=[q._asdict() for q in quotes])
     if options.json:
         write_json(options.json, result)
     if options.save_model:
@@ -58,6 +64,9 @@ def run(options):
     print(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing")
     print(summary(posterior, unit))
     print(misfit.sentence)
+    if quotes:
+        print(f"{best.hypothesis.name}, as data sheets quote it:\n"
+              + quote_table(quotes))
 
 
 def _narrowed(e):

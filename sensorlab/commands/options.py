@@ -19,6 +19,9 @@ EFFECTS = (
 RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
           "PX4 or .bin of ArduPilot")
 
+TARGETS = ("kalibr", "gazebo", "matlab", "px4", "gtsam", "openvins", "vins", "ros",
+           "isaac", "numpy")
+
 DESCRIPTION = """\
 sensorid says which error model a gyro or an accelerometer follows, with which
 parameters, and how well that can be known at all (Stepanov and Motorin,
@@ -27,11 +30,13 @@ Sensors 2019, 19(9), 1997); and why a simulated sensor differs from the real one
 
 EPILOG = """\
 a first session:
-  python -m sensorid identify record.csv --plot record.png
+  python -m sensorid identify record.csv --plot record.png --unit deg/s \\
+    --save-model gyro.json
   python -m sensorid criteria model.json --duration 2000 --trials 500
   python -m sensorid simulate model.json --samples 20000 --records 10 \\
     --out simulated.npz
   python -m sensorid diagnose record.csv --model model.json --out gap
+  python -m sensorid export gyro.json --to kalibr --out imu.yaml
 
 record.csv has a header: time,error. model.json holds the hypotheses:
   {"dt": 0.1, "unit": "deg/h", "bias_sigma": 1.0, "hypotheses": [
@@ -40,6 +45,9 @@ record.csv has a header: time,error. model.json holds the hypotheses:
       "tau_m": [60, 1500], "sigma_m": [0.5, 1.5], "sigma_v": 0.5}}]}
 A number is known, a range is to be found. tau_m is in s, every sigma in the unit of
 the record, sigma_w per sample.
+In place of model.json a data sheet, {"datasheet": {...}}, or the file of another
+program is taken: Kalibr, Gazebo, MATLAB, AirSim, gnss-ins-sim, Isaac Lab;
+imu.yaml#gyroscope names one of several sensors.
 Hypotheses: """ + ", ".join(MODELS) + "."
 
 
@@ -81,6 +89,7 @@ def parser():
                      help="without --model: names, comma-separated, "
                           "or all (default white_noise,random_walk,markov)")
     _record_options(one)
+    _unit_options(one)
     one.add_argument("--json", type=_file, metavar="OUT.json",
                      help="write the result, with Phi, Gamma, H, Psi")
     one.add_argument("--save-model", type=_file, metavar="OUT.json",
@@ -146,6 +155,7 @@ def parser():
     simulator.add_argument("--simulated", type=_file, metavar="FILE",
                            help="records of the simulator, error[L, N] or one column")
     _record_options(four)
+    _unit_options(four)
     four.add_argument("--covariates", metavar="NAMES",
                       help="columns beside the error, comma-separated, NAME or "
                            "NAME=COLUMN, such as temperature=temp_degC "
@@ -174,6 +184,34 @@ def parser():
                        help="of the random numbers, >= 0 (default 0)")
     three.add_argument("--out", type=_file, required=True, metavar="FILE.npz",
                        help="file to be written")
+
+    five = commands.add_parser(
+        "export", help="write a model for the program that uses it",
+        formatter_class=raw,
+        description="The sensor of a model file in the format of another program, "
+                    "which says its\nconvention in a comment.",
+        epilog="sensorid export gyro.json accel.json --to kalibr --horizon 60 "
+               "--out imu.yaml\n"
+               "Programs of two numbers, noise density and walk, get the smallest pair "
+               "that bounds\nthe integrated error up to the horizon; the fitted pair "
+               "stands beside it.")
+    five.add_argument("models", nargs="+", metavar="M.json",
+                      help="of a gyroscope, of an accelerometer or of both")
+    five.add_argument("--to", required=True, choices=TARGETS, metavar="PROGRAM",
+                      help=", ".join(TARGETS))
+    five.add_argument("--horizon", type=float, default=60.0, metavar="S",
+                      help="integration time up to which the two numbers bound, s "
+                           "(default 60)")
+    five.add_argument("--pair", choices=("bound", "fitted", "x10"), default="bound",
+                      help="which pair is written (default bound)")
+    five.add_argument("--unit", metavar="U",
+                      help="of a model that does not say it, such as deg/s")
+    five.add_argument("--dt", type=float, metavar="S",
+                      help="sampling interval of a file that does not say it, s")
+    five.add_argument("--duration", type=float, default=3600.0, metavar="S",
+                      help="of the records behind a bias_instability, s (default 3600)")
+    five.add_argument("--out", metavar="FILE", help="file to be written "
+                                                    "(default: standard output)")
     return root
 
 
@@ -202,6 +240,19 @@ def _file(text):
         raise argparse.ArgumentTypeError(
             "the name is empty: is a variable of the shell not set?")
     return text
+
+
+def _unit_options(parser):
+    parser.add_argument("--unit", metavar="U",
+                        help="unit of the record, such as deg/s or mg (milli-g): "
+                             "parameters are quoted as data sheets do; a model in "
+                             "another unit has the record converted")
+    parser.add_argument("--scale", type=float, default=1.0, metavar="X",
+                        help="what the numbers of a record are multiplied by, such as "
+                             "the value of a count")
+    parser.add_argument("--report", metavar="UNITS",
+                        help="quote in these units, comma-separated, "
+                             "such as 'deg/sqrt(h),deg/h'")
 
 
 def _record_options(parser):

@@ -11,6 +11,7 @@ from sensorid import write_whole
 from sensorlab.commands.cache import forgive
 from sensorlab.gap.report import finite
 from sensorlab.readers import read as read_source, read_rows
+from sensorlab.units import check_report, factor, quoted
 
 
 forgive()
@@ -57,6 +58,38 @@ def check_memory(samples, records=1):
     if len(pages) == 2 and 8 * samples * records > pages[0] * pages[1]:
         raise MemoryError(f"{records} records of {samples} samples take "
                           f"{8e-9 * samples * records:.3g} GB")
+
+
+def in_unit(record, options, model=None):
+    """The record times --scale, in the unit of the model if it has one, and the unit.
+
+    The unit is that of the model, else --unit, else that of the file, else "u".
+    """
+    if not (np.isfinite(options.scale) and options.scale):
+        raise ValueError(f"--scale is {options.scale:g}: a finite number other than 0 "
+                         "is needed")
+    unit, times = options.unit or record.unit or "u", options.scale
+    if model and model.unit != "u":
+        if options.unit:
+            times *= factor(options.unit, model.unit)
+        unit = model.unit
+    if options.unit or options.report:
+        if unit == "u":
+            raise ValueError("--report needs the unit of the record: "
+                             "give it with --unit")
+        check_report(unit, _report(options))
+    return record._replace(error=times * record.error), unit
+
+
+def as_quoted(parameters, dt, unit, options):
+    """Parameters as the field quotes them, if --unit or --report asks for it."""
+    if not (options.unit or options.report):
+        return ()
+    return quoted(parameters, dt, unit, _report(options))
+
+
+def _report(options):
+    return [part for part in (options.report or "").split(",") if part]
 
 
 def refuse_effects(file, model):

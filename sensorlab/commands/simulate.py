@@ -11,7 +11,7 @@ from sensorlab.modelfiles import check_onsets, read_model
 
 
 def run(options):
-    model = read_model(options.model)
+    model = read_model(options.model, options.dt)
     check_outputs([options.model, options.like], options.out)
     needed = sorted({one.column for _, effects in model.simulator.pairs
                      for one in effects} - {""})
