@@ -210,8 +210,8 @@ def parser():
                       help="sampling interval of a file that does not say it, s")
     five.add_argument("--duration", type=float, default=3600.0, metavar="S",
                       help="of the records behind a bias_instability, s (default 3600)")
-    five.add_argument("--out", metavar="FILE", help="file to be written "
-                                                    "(default: standard output)")
+    five.add_argument("--out", type=_file, metavar="FILE",
+                      help="file to be written (default: standard output)")
     return root
 
 

@@ -57,6 +57,7 @@ def search(full, start, readings, effects, before, measured, shared, tell):
             if found[0].found[0].effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
                                                *acc.signatures[:-1]))
+            after = measured(acc)
             continue
         acc, path = look.account, _joined(path, found[0])
         leaves.pop(path.effect)

@@ -334,7 +334,8 @@ def _pulse_scores(h, scene, family, theta, solved):
 
 
 @njit(**KERNEL)
-def _pulse_sizes(first, last, residual, n, knots, square, onsets, begin, gain, size, sd):
+def _pulse_sizes(first, last, residual, n, knots, square, onsets, begin, gain, size,
+                 sd):
     """Gain, size and its standard error of pulses of n samples at some onsets, written
     from number `begin` on; `square` (M, knots) is their information at the knots.
     """
