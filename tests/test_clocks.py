@@ -95,6 +95,10 @@ def test_an_uneven_clock_is_interpolated_at_its_mean_step_if_asked():
     assert_allclose(seen[~np.isnan(seen)], 3.0 * even[~np.isnan(seen)], rtol=1e-6)
 
 
+def test_stamps_that_mostly_stand_still_are_interpolated_at_the_mean():
+    assert clock("t", np.array([-1.0, 0.0, 0.0, 0.0]), resample=True).dt == 1.0 / 3.0
+
+
 def test_bursts_far_apart_are_bursts():
     time = np.sort(0.64 * (I // 64) + 1e-6 * (I % 64))
     assert "at the mean rate" in clock("t", time).said
@@ -110,6 +114,7 @@ def test_a_gap_in_a_short_record_is_no_burst():
     (np.r_[I, 3.0], r"does not increase from sample 999 \(999 s after the first\)"),
     (np.r_[I[:9], I[8:]], "does not increase from sample 8"),
     (np.zeros(50), "50 samples at 1 time"), (np.zeros(1), "1 samples at 1 time"),
+    (np.r_[-1e308, I, 1e308], "time runs from -1e.308 to 1e.308: no record is"),
     (np.r_[I, 1e9], "cut the gap after sample 999 out"),
     (np.r_[0.0, np.nan, I[2:]], "time of sample 1 is nan: a number is needed"),
     (np.array(["2026-01-31", "yesterday"], object), "'yesterday': neither a number"),

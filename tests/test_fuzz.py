@@ -161,13 +161,17 @@ def test_any_stamps_are_a_clock_or_a_sentence(stamps, resample):
     read_or_sentence(dict(error=y, time=np.array(stamps)), resample=resample)
 
 
+def nested(part):
+    """Lists and objects of parts, by the keys of a model file."""
+    keys = st.sampled_from(["dt", "unit", "hypotheses", "name", "parameters", "effects",
+                            "sigma_v", "label", "range", "prior", "column"])
+    return st.lists(part, max_size=3) | st.dictionaries(keys, part, max_size=5)
+
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=4)
     | st.sampled_from(["markov", "white_noise", "outliers", "log", "stuck"]),
-    lambda part: st.lists(part, max_size=3) | st.dictionaries(
-        st.sampled_from(["dt", "unit", "hypotheses", "name", "parameters", "effects",
-                         "sigma_v", "label", "range", "prior", "column"]), part,
-        max_size=5), max_leaves=12)
+    nested, max_leaves=12)
 NUMBER = st.floats(1e-6, 1e6)
 PRIOR = NUMBER | st.lists(NUMBER, min_size=2, max_size=2).map(sorted) | st.builds(
     dict, range=st.lists(NUMBER, min_size=2, max_size=2).map(sorted),

@@ -90,6 +90,9 @@ def clock(name, time, resample=False):
         raise ValueError(f"time does not increase from sample {k} ({t[k]:g} s after "
                          f"the first) to the next ({t[k + 1]:g} s): sort the record, "
                          "or give --dt if it is evenly sampled")
+    if not np.isfinite(t.sum()):
+        raise ValueError(f"{name} runs from {time[0]} to {time[-1]}: no record is as "
+                         "long")
     if len(t) < 2 or t[-1] == 0.0:
         raise ValueError(f"the record has {len(t)} samples at {min(len(t), 1)} time")
     usual = np.median(step) or step.mean()
@@ -104,7 +107,9 @@ def clock(name, time, resample=False):
                          f"is {step[off.argmax()]:g} s where {usual:g} s is usual; "
                          "--resample interpolates it, --dt takes the samples as even")
     if found is None:
-        dt = step[step < WIDE * step.mean()].mean()
+        dt = step.mean()
+        if np.median(step) > 0.0:    # else most stamps stand still
+            dt = step[step < WIDE * dt].mean()
         found = Clock(dt, ", uneven, interpolated", t / dt)
     return found._replace(said=f"dt {duration(found.dt)} from {source}{found.said}")
 
