@@ -48,7 +48,8 @@ def transient(rng, t):
 
 
 def heat(rng, t):
-    T = 25.0 + np.sin(2.0 * np.pi * t / rng.uniform(10.0, 30.0) + rng.uniform(0.0, 6.0))
+    period, phase = rng.uniform(10.0, 30.0), rng.uniform(0.0, 6.0)
+    T = 25.0 + np.sin(2.0 * np.pi * t / period + phase)
     return T - T.mean(), dict(temperature=T)
 
 
@@ -69,9 +70,9 @@ def slow_noise(rng, t):
     return x, {}
 
 
-SHAPES = dict(sinusoid=line, bias_step=step, rate_ramp=ramp, turn_on_transient=transient,
-              temperature=heat, outliers=spikes, random_telegraph=levels,
-              correlated_noise=slow_noise)
+SHAPES = dict(sinusoid=line, bias_step=step, rate_ramp=ramp,
+              turn_on_transient=transient, temperature=heat, outliers=spikes,
+              random_telegraph=levels, correlated_noise=slow_noise)
 
 
 def nats(shape, clean, lags=32):

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from sensorid import MIN_SAMPLES
-from sensorlab import CATALOGUE, Recording, read
+from sensorlab import CATALOGUE, Scene, Recording, read
 from sensorlab.modelfiles import Model, model_text, read_model
 from sensorlab.modelschema import problem, schema
 
@@ -173,6 +173,7 @@ JSON = st.recursive(
     | st.sampled_from(["markov", "white_noise", "outliers", "log", "stuck"]),
     nested, max_leaves=12)
 NUMBER = st.floats(1e-6, 1e6)
+ANY = Scene(np.arange(8.0), 1.0, {})
 PRIOR = NUMBER | st.lists(NUMBER, min_size=2, max_size=2).map(sorted) | st.builds(
     dict, range=st.lists(NUMBER, min_size=2, max_size=2).map(sorted),
     prior=st.sampled_from(["log", "uniform"]))
@@ -191,10 +192,8 @@ def models(draw):
         hypotheses.append(dict(
             name=name, parameters={symbol: draw(PRIOR) for symbol in wanted},
             effects=[dict(name=e.name, parameters={
-                symbol: draw(NUMBER) for symbol in dict(
-                    rate_ramp=["slope"], bias_step=["onset", "size"],
-                    turn_on_transient=["tau", "size"],
-                    sinusoid=["frequency", "amplitude", "phase"])[e.name]})
+                symbol: draw(NUMBER) for symbol in (
+                    *(p.symbol for p in e.parameters(ANY)), e.size)})
                 for e in effects if draw(st.booleans())]))
     return dict(dt=draw(NUMBER), unit=draw(st.text("\u00b5g/hs", max_size=5)),
                 hypotheses=hypotheses)

@@ -43,8 +43,8 @@ def test_runs_of_one_sensor_differ_by_a_drift_or_not_at_all(real):
                 z["gyro_lsb"])
     simulator = sensorlab.simulator_from(runs[1][None], 2.0)
     warm = sensorlab.diagnose(runs[2], 2.0, simulator)
-    slow = {c.effect: c.probability for c in warm.causes}
-    assert slow["rate_ramp"] + slow["turn_on_transient"] > 0.8
+    drifts = {"rate_ramp", "second_order_drift", "turn_on_transient"}
+    assert sum(c.probability for c in warm.causes if drifts & {*c.effects}) > 0.8
     assert sensorlab.diagnose(runs[3], 2.0, simulator).verdict == "none"
     # ten minutes do not show what the whole run does
     assert sensorlab.diagnose(runs[1][:300], 2.0, sensorid.default_hypotheses(

@@ -133,8 +133,9 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         drift(full, [as_simulated(acc, full, gap.theta) for acc, gap in (
             (base, before), (final, after))], seed),
         float((final.log_evidence - start.log_evidence) / seen),
-        held_out(full, start, final, trials or enough_trials(full) // 2, seed + 2) if more or
-        final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis else None,
+        held_out(full, start, final, trials or enough_trials(full) // 2, seed + 2)
+        if more or final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis
+        else None,
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
     tell(last=True)
     return result

@@ -81,6 +81,9 @@ class Effect(NamedTuple):
     resembles: str = ""         # what it is confused with
     experiment: str = ""        # what tells them apart
 
+    def __repr__(self):
+        return f"Effect({self.name!r})"
+
 
 class Found(NamedTuple):
     """An effect as a simulator has it, or as a record shows it."""

@@ -1,4 +1,5 @@
-"""A flexible remainder: whatever colour and spread the normal scores of a filter have.
+"""A flexible remainder: whatever colour and spread the normal scores of a filter have,
+and whatever curves of the columns are in them.
 
 What is left of a real record is never white. An effect that is named beside it must be
 needed even where it is described in any way that does not describe the effect itself.
@@ -7,6 +8,7 @@ needed even where it is described in any way that does not describe the effect i
 import numpy as np
 
 from sensorlab.gap.closure import standing_out
+from sensorlab.gap.places import SHIFTS
 
 NEEDED_NATS = 3.0    # that an effect must gain
 LAGS = 16      # samples before, on which a regression describes any colour
@@ -21,14 +23,16 @@ def stays_needed(full, effect, without_it, with_it):
 
     A process is no more than a colour: for it, only the spread may be uneven, but its
     gain must be even. A change of noise is no more than an uneven spread: for it, there
-    may only be a colour. Jumps are one law among many: they must close most of the gap
+    may only be a colour. What comes from no column is needed beside any curve of those
+    that there are. Jumps are one law among many: they must close most of the gap
     where it is widest.
     """
     if effect.reading:
         return True
     process = effect.factor or effect.model and not effect.search
-    lags, spans = 0 if process else LAGS, 1 if effect.search and effect.model else SPANS
-    gain = _scores(with_it, lags, spans) - _scores(without_it, lags, spans)
+    wide = (0 if process else LAGS, 1 if effect.search and effect.model else SPANS,
+            not effect.column)
+    gain = _scores(with_it, *wide) - _scores(without_it, *wide)
     if process:
         parts = np.array([part.sum() for part in np.array_split(gain, SPANS)])
         if parts.mean() < EVEN * parts.std(ddof=1) / np.sqrt(SPANS):
@@ -65,26 +69,28 @@ def closed_by_any(gap):
     return float(np.clip(1.0 - last / (gap.rms(out) - 1.0), 0.0, 1.0))
 
 
-def _scores(gap, lags, spans):
+def _scores(gap, *wide):
     """Log score of every sample seen by a gap's filter, its normal scores described
     flexibly, nats.
     """
-    seen, e, variance = _described(gap, lags, spans)
+    seen, e, variance = _described(gap, *wide)
     return (gap.log_score + 0.5 * gap.z**2)[seen] - 0.5 * (
         np.log(variance) + e**2 / variance)
 
 
-def _described(gap, lags, spans):
-    """Samples seen by a gap's filter, what a regression on the scores before leaves of
-    theirs, and its variance in every span.
+def _described(gap, lags, spans, curves=False):
+    """Samples seen by a gap's filter, what a regression on the scores before, and on
+    curves of the columns, leaves of theirs, and its variance in every span.
     """
     seen = np.flatnonzero(~np.isnan(gap.z))
     z = np.nan_to_num(gap.z)
     e = z[seen]
-    if lags:
-        back = np.column_stack([np.roll(z, k + 1) for k in range(lags)])
-        back[:lags] = 0.0
-        e = e - back[seen] @ np.linalg.lstsq(back[seen], e)[0]
+    known = [np.append(np.zeros(k), z[:-k])[seen] for k in range(1, lags + 1)]
+    if curves:
+        known += [curve[seen] for curve in gap.ruler.white[SHIFTS:]]
+    if known:
+        known = np.column_stack(known)
+        e = e - known @ np.linalg.lstsq(known, e)[0]
     variance = np.concatenate([np.full(len(part), np.mean(part**2) + 1e-12)
                                for part in np.array_split(e, spans) if len(part)])
     return seen, e, variance

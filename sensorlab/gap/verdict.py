@@ -36,9 +36,9 @@ def all_causes(search, start, before, rest, staying):
     if any(r.opaque for r in start.readings) or rest.share < SLIGHT:
         unknown = min(unknown, PRIOR_UNKNOWN / MISSING_NATS)
     total, chance = sum(c.probability for c in search.leaves.values()), {}
+    all_stay = search.path.found and len(staying) == len(search.path.found)
     for c in search.leaves.values():
-        lost = [one for one in search.path.found if one not in staying]
-        beside = tuple(one for one in c.found if one in staying or not lost)
+        beside = tuple(one for one in c.found if one in staying or all_stay)
         for one, part in ((c, 1.0 - unknown), (c._replace(
                 found=(*beside, Found(UNKNOWN))), unknown)):
             part *= c.probability / total
