@@ -59,6 +59,25 @@ def test_a_record_that_no_hypothesis_describes_is_told(folder, capsys):
     assert "no hypothesis describes this record" not in capsys.readouterr().out
 
 
+def test_a_record_is_composed_of_what_it_needs(folder, capsys):
+    rng = np.random.default_rng(1)
+    y = 0.8 * np.round((rng.standard_normal(3000) + 0.4 * np.sin(
+        2.0 * np.pi * 0.21 * np.arange(3000))) / 0.8)
+    np.savez("q.npz", error=y, dt=1.0)
+    assert main("identify q.npz --compose --json q.json --save-model q.model.json"
+                .split()) == 0
+    text = capsys.readouterr().out
+    assert "quantization" in text and "lsb 0.8" in text
+    assert "frequency 0.21" in text and "their sum describes the record" in text
+    result = json.loads(pathlib.Path("q.json").read_text())
+    assert {one["effect"] for one in result["found"]} == {"quantization", "sinusoid"}
+    assert "sigma_v" in result["hypothesis"]["parameters"]
+    assert main("diagnose q.npz --model q.model.json".split()) == 0
+    assert "verdict: none" in capsys.readouterr().out
+    assert main("identify q.npz --compose --hypotheses markov".split()) == 2
+    assert "does nothing beside --compose" in capsys.readouterr().err
+
+
 def test_criteria_writes_curves(folder):
     assert main("criteria m.json --duration 200 --trials 40 --json c.json "
                   "--plot c.png".split()) == 0

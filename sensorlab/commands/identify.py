@@ -7,6 +7,7 @@ import numpy as np
 from sensorid import (
     MODELS, Parameter, allan_misfit, decide, default_hypotheses, identify, matrices,
     summary)
+from sensorlab.commands import compose
 from sensorlab.commands.shared import (
     as_quoted, check_outputs, in_unit, progress_bar, read, refuse_effects, write_json,
     write_text)
@@ -17,6 +18,8 @@ from sensorlab.units import quote_table
 
 
 def run(options):
+    if options.compose:
+        return compose.run(options)
     model = read_model(options.model, options.dt) if options.model else None
     refuse_effects(options.model, model)
     if model and options.hypotheses is not None:
@@ -64,6 +67,8 @@ def run(options):
     print(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing")
     print(summary(posterior, unit))
     print(misfit.sentence)
+    if "no hypothesis describes" in misfit.sentence and not model:
+        print("identify --compose says what its noise is the sum of")
     if quotes:
         print(f"{best.hypothesis.name}, as data sheets quote it:\n"
               + quote_table(quotes))

@@ -88,6 +88,9 @@ def parser():
     one.add_argument("--hypotheses", metavar="NAMES",
                      help="without --model: names, comma-separated, "
                           "or all (default white_noise,random_walk,markov)")
+    one.add_argument("--compose", action="store_true",
+                     help="describe the record as a sum: a hypothesis and whatever of "
+                          "quantization, bandwidth, flicker, lines ... it needs")
     _record_options(one)
     _unit_options(one)
     one.add_argument("--json", type=_file, metavar="OUT.json",

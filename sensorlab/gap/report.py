@@ -110,6 +110,32 @@ def table(d, record, unit):
     return "\n".join(lines) + "\n"
 
 
+def described(d, h, unit):
+    """The error model of a record as a sum, as text: a hypothesis and what was found.
+    """
+    def sizes(values):
+        return ", ".join(
+            f"{name} {mean:.4g}" + (f" +- {sd:.2g}" if sd else "")
+            if np.isscalar(mean) and not isinstance(mean, str) else f"{name} {mean}"
+            for name, (mean, sd) in values.items())
+    rows = [(h.name, "", sizes({p.symbol: (p.mean, p.sd) for p in h.parameters}))]
+    rows += [(one.name, f"{100 * part.share:.0f} %", sizes(one.values))
+             for one, part in zip(d.found, d.parts)]
+    width = max(len(name) for name, *_ in rows) + 2
+    lines = [f"{'component':<{width}}{'share':>6}  size, in {unit}, s, Hz", *(
+        f"{name:<{width}}{share:>6}  {text}" for name, share, text in rows)]
+    if "unknown" not in d.verdict:
+        lines.append("their sum describes the record: a remainder as large has the "
+                     f"chance {d.remainder.p_value:.2g}")
+    else:
+        i = outstanding(d.after)[0]
+        place = d.before.statistics.place[i].replace("_", " ")
+        lines.append(f"{100 * d.remainder.share:.0f} % of what white noise, walk and "
+                     f"Markov process leave is not described: look at {place}, "
+                     f"{_at(d.before.statistics, i)}")
+    return "\n".join(lines)
+
+
 def _verdict(d):
     yield f"verdict: {d.verdict}" + (
         ", alone or with another effect" if d.causes[0].probability < SURE

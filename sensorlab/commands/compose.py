@@ -1,0 +1,36 @@
+"""python -m sensorid identify --compose"""
+
+import pathlib
+
+from sensorid import default_hypotheses
+from sensorlab.commands.shared import (
+    check_outputs, in_unit, progress_bar, read, refuse_unused, write_json, write_text)
+from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
+from sensorlab.gap.diagnosis import augmented, diagnose
+from sensorlab.gap.effects import Simulator
+from sensorlab.gap.report import described, report
+from sensorlab.modelfiles import Model, model_text
+
+
+def run(options):
+    """The error model of a record as a sum: a hypothesis and the effects it needs."""
+    refuse_unused(options, "model", "hypotheses", "report",
+                  why="does nothing beside --compose, which finds the sum by itself")
+    check_outputs([options.record], options.json, options.save_model, plot=options.plot)
+    plt = matplotlib_for_files() if options.plot else None
+    record, unit = in_unit(read(options), options)
+    d = diagnose(record.error, record.dt, Simulator(default_hypotheses(
+        record.error, record.dt)), progress=progress_bar)
+    if options.json:
+        (h,) = augmented(d).hypotheses
+        write_json(options.json, {
+            **{key: value for key, value in report(d, record).items()
+               if key in ("record", "found", "gap")},
+            "hypothesis": dict(name=h.name, parameters={
+                p.symbol: dict(mean=p.mean, sd=p.sd) for p in h.parameters})})
+    if options.save_model:
+        write_text(options.save_model, model_text(Model(
+            record.dt, unit, augmented(d), pathlib.Path(record.file).name)))
+    if plt:
+        save(draw_diagnosis(plt, d, record, unit), options.plot)
+    print(f"{record.heading}\n{described(d, augmented(d).hypotheses[0], unit)}")
