@@ -9,8 +9,8 @@ from sensorid import (
     GAMMA, MIN_SAMPLES, allan_deviation, allan_variance, identify, model_allan_variance,
     write_whole)
 from sensorlab.gap.account import as_simulated
-from sensorlab.gap.effects import simulate_effects
-from sensorlab.gap.report import added_names, outstanding
+from sensorlab.gap.effects import signature_of, simulate_effects
+from sensorlab.gap.report import outstanding
 
 
 def matplotlib_for_files():
@@ -128,40 +128,82 @@ def draw_design(plt, rows, limit, unit):
 
 
 def draw_diagnosis(plt, d, record, unit):
-    """Log-score gain over time; Allan deviation in the simulated bands before and
-    after; residuals against what the cause is about.
+    """The record with what was found in it; Allan deviation in the simulated bands
+    before and after; residuals where they stand out.
     """
-    scene = d.scene
-    fig, axes = plt.subplots(1, 3, figsize=(15.0, 4.4))
-    fig.suptitle(f"{pathlib.Path(record.file).name}, {record.column}: {d.verdict}")
-    left, middle, right = axes
-    gain = np.nan_to_num(d.after.log_score - d.before.log_score)
-    left.plot(scene.time, np.cumsum(gain), "k-")
-    left.set(xlabel="time, s", title=f"gain of the simulator with {added_names(d)}",
-             ylabel="log score, one step ahead, sum, nats")
+    fig, axes = plt.subplots(1, 3, figsize=(15.0, 4.6))
+    fig.suptitle(f"{pathlib.Path(record.file).name}, {record.column}: {d.verdict}",
+                 wrap=True)
+    _draw_record(axes[0], d, unit)
+    _draw_bands(axes[1], d, unit)
+    _draw_residuals(axes[2], d)
+    for ax in axes:
+        ax.grid(True, which="major", alpha=0.3)
+        ax.legend(frameon=False)
+    return fig
 
+
+MOST_POINTS = 20000    # of a curve: a picture shows no more
+
+
+def _draw_record(ax, d, unit):
+    """The record, and through it what is known up to a size; where all that was found
+    is noise, by how much better each sample is foretold.
+    """
+    scene, step = d.scene, max(len(d.scene.y) // MOST_POINTS, 1)
+    (effects,) = as_simulated(d.final, scene, d.after.theta).effects
+    drawn = [one for one in effects if one.effect.columns]
+    if not drawn and any(not one.effect.reading for one in d.found):
+        gain = np.nancumsum(d.after.log_score - d.before.log_score)
+        ax.plot(scene.time[::step], gain[::step], "k-", label="with what was found")
+        ax.set(xlabel="time, s", ylabel="log-likelihood gained, nats",
+               title="how much better the samples are foretold")
+        return
+    y = scene.y + scene.known
+    ax.plot(scene.time[::step], y[::step], "-", color="0.6", linewidth=0.6,
+            label="record")
+    if drawn:
+        effect = sum(signature_of(scene, one, {
+            symbol: p.low for symbol, p in one.values.items()}) for one in drawn)
+        ax.plot(scene.time[::step], (effect + np.nanmedian(y - effect))[::step], "-",
+                color="tab:blue", label=_brief_names(one.name for one in drawn))
+    ax.set(xlabel="time, s", ylabel=unit, title="the record")
+
+
+def _brief_names(names):
+    names = list(dict.fromkeys(names))
+    return "+".join(names) if len(names) < 3 else f"{names[0]} and {len(names) - 1} more"
+
+
+def _draw_bands(ax, d, unit):
+    """Allan deviation of the record, and where that of simulated ones lies."""
+    scene = d.scene
     tau, adev = allan_deviation(scene.y, scene.dt)
     m = np.round(tau / scene.dt).astype(int)
-    for acc, gap, colour, label in (
-            (d.base, d.before, "tab:red", "simulator as it was"),
-            (d.final, d.after, "tab:blue", f"with {added_names(d)}")):
+    bands = [(d.base, d.before, "tab:red", "simulator, 90 % of its records")]
+    if d.found:
+        bands.append((d.final, d.after, "tab:blue", "with what was found"))
+    for acc, gap, colour, label in bands:
         drawn = simulate_effects(as_simulated(acc, scene, gap.theta), scene, 60, 1
                                  ).error
         curves = np.sqrt([allan_variance(drawn, scene.dt, k) for k in m])
-        middle.fill_between(tau, *np.nanquantile(curves, [0.05, 0.95], axis=1),
-                            color=colour, alpha=0.3, linewidth=0,
-                            label=f"{label}, 90 % of records")
-    middle.loglog(tau, adev, "k.-", label="record")
-    middle.set(xlabel="averaging time, s", ylabel=f"Allan deviation, {unit}",
-               xscale="log", yscale="log")
-    middle.legend(frameon=False)
+        ax.fill_between(tau, *np.nanquantile(curves, [0.05, 0.95], axis=1),
+                        color=colour, alpha=0.3, linewidth=0, label=label)
+    ax.loglog(tau, adev, "k.-", label="record")
+    ax.set(xlabel="averaging time, s", ylabel=f"Allan deviation, {unit}",
+           xscale="log", yscale="log", title="Allan deviation")
 
+
+def _draw_residuals(ax, d):
+    """Residuals of the filter against what they stand out in most."""
     i = outstanding(d.before)[0]
     place, column = d.before.statistics.place[i], d.before.statistics.column[i]
-    for z, colour, label in ((d.before.z, "tab:red", "before"),
-                             (d.after.z, "tab:blue", "after")):
-        x, value = _residual_curve(z, scene, place, column)
-        right.plot(x, value, ".-", color=colour, label=label, alpha=0.8)
+    curves = [(d.before.z, "tab:red", "before" if d.found else "simulator")]
+    if d.found:
+        curves.append((d.after.z, "tab:blue", "after"))
+    for z, colour, label in curves:
+        x, value = _residual_curve(z, d.scene, place, column)
+        ax.plot(x, value, ".-", color=colour, label=label, alpha=0.8)
     labels = dict(
         time=("time, s", "mean residual, standard errors"),
         frequency=("frequency, Hz", "power of the residuals"),
@@ -169,14 +211,10 @@ def draw_diagnosis(plt, d, record, unit):
         lag=("lag, s", "correlation of the residuals"),
         amplitude=("residual, standard deviations", "samples over those expected"),
         covariate=(column, "mean residual, standard errors"))
-    right.set(xlabel=labels[place][0], ylabel=labels[place][1],
-              title=f"where it stands out: {place.replace('_', ' ')}")
+    ax.set(xlabel=labels[place][0], ylabel=labels[place][1],
+           title=f"residuals, by {place.replace('_', ' ')}")
     if place == "frequency":
-        right.set(xscale="log", yscale="log")
-    right.legend(frameon=False)
-    for ax in axes:
-        ax.grid(True, which="major", alpha=0.3)
-    return fig
+        ax.set(xscale="log", yscale="log")
 
 
 def _residual_curve(z, scene, place, column):

@@ -78,6 +78,22 @@ def test_a_record_is_composed_of_what_it_needs(folder, capsys):
     assert "does nothing beside --compose" in capsys.readouterr().err
 
 
+def test_a_long_record_is_cut_and_averaged(folder, capsys):
+    y = np.random.default_rng(2).standard_normal(1000)
+    y[:4] = np.nan
+    np.savez("long.npz", error=y, dt=0.5)
+    assert main("identify long.npz --allow-missing --from 100 --to 401 --average 4 "
+                "--hypotheses white_noise --json l.json".split()) == 0
+    assert "150 samples, dt 500 ms; means of 4, dt 2 s" in capsys.readouterr().out
+    (found,) = json.loads(pathlib.Path("l.json").read_text())["hypotheses"]
+    sigma = y[200:800].reshape(-1, 4).mean(1).std()
+    assert found["parameters"]["sigma_v"]["mean"] == pytest.approx(sigma, rel=0.02)
+    for wrong, message in (("--from 600", "leave nothing"), ("--to -3", "not a number"),
+                           ("--average 0", "not a whole number")):
+        assert main(f"identify long.npz --allow-missing {wrong}".split()) == 2
+        assert message in capsys.readouterr().err
+
+
 def test_criteria_writes_curves(folder):
     assert main("criteria m.json --duration 200 --trials 40 --json c.json "
                   "--plot c.png".split()) == 0

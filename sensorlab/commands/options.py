@@ -229,6 +229,17 @@ def _count(text):
     return int(text)
 
 
+def _time(text):
+    """A time of the command line, s."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds >= 0")
+    return value
+
+
 def _seed(text):
     """A seed of the command line."""
     if not text.isdecimal() or len(text) > 18:
@@ -266,6 +277,13 @@ def _record_options(parser):
     parser.add_argument("--dt", type=float, metavar="S",
                         help="sampling interval, s "
                              "(default: from the clock of the record or the scalar dt)")
+    parser.add_argument("--from", dest="start", type=_time, metavar="S",
+                        help="leave out what is before, s from the first sample")
+    parser.add_argument("--to", dest="end", type=_time, metavar="S",
+                        help="leave out what comes after, s from the first sample")
+    parser.add_argument("--average", type=_count, default=1, metavar="M",
+                        help="take means of M samples, which shortens a long record; "
+                             "a model must be for that interval")
     parser.add_argument("--resample", action="store_true",
                         help="interpolate an uneven record onto even times")
     parser.add_argument("--allow-missing", action="store_true",

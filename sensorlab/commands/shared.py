@@ -35,13 +35,37 @@ def read(options, model=None, beside=()):
                                                "the samples as even")
     if dt is None and model and pathlib.Path(options.record).suffix.lower() == ".npy":
         dt = model.dt
-    record = read_source(options.record, options.column, dt, options.resample,
-                         options.allow_missing, beside)
+    record = _part(read_source(options.record, options.column, dt, options.resample,
+                               options.allow_missing, beside), options)
     if model and abs(record.dt - model.dt) > 0.01 * model.dt:
         raise ValueError(f"{options.record} is sampled at {record.dt:g} s, "
                          f"but the model is for dt = {model.dt:g} s: "
                          "its noises per sample do not apply")
     return record
+
+
+def _part(record, options):
+    """The part of a record between --from and --to, averaged by --average."""
+    N, m = len(record.error), options.average
+    first = 0 if options.start is None else int(np.ceil(options.start / record.dt))
+    last = N if options.end is None else int(np.floor(options.end / record.dt))
+    last = min(last, N) - max(min(last, N) - first, 0) % m
+    if not 0 <= first < last:
+        raise ValueError(f"--from, --to and --average {m} leave nothing of the "
+                         f"{N * record.dt:g} s of {record.file}")
+
+    def averaged(x):
+        x = x[first:last].reshape(-1, m)
+        count = np.maximum((~np.isnan(x)).sum(1), 1)
+        return np.where(np.isnan(x).all(1), np.nan, np.nansum(x, 1) / count)
+    if (first, last, m) == (0, N, 1):
+        return record
+    clock = record.clock or f"dt {record.dt:g} s"
+    if m > 1:
+        clock += f"; means of {m}, dt {m * record.dt:g} s"
+    return record._replace(error=averaged(record.error), dt=m * record.dt, clock=clock,
+                           columns={name: averaged(x)
+                                    for name, x in record.columns.items()})
 
 
 def refuse_unused(options, *names, why):

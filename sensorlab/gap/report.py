@@ -191,6 +191,8 @@ def _where(d):
 def _at(s, i):
     """Where statistic number i looks, as text."""
     (low, high), unit = s.at[i], s.column[i] or UNITS[s.place[i]]
+    if s.place[i] == "amplitude" and low == high == 0.0:
+        return "equal neighbours"
     if s.place[i] == "amplitude" and max(-low, high) >= FAR_OUT:
         if high - low >= 2.0 * FAR_OUT:
             return "all of it"
