@@ -88,9 +88,12 @@ def test_a_long_record_is_cut_and_averaged(folder, capsys):
     (found,) = json.loads(pathlib.Path("l.json").read_text())["hypotheses"]
     sigma = y[200:800].reshape(-1, 4).mean(1).std()
     assert found["parameters"]["sigma_v"]["mean"] == pytest.approx(sigma, rel=0.02)
-    for wrong, message in (("--from 600", "leave nothing"), ("--to -3", "not a number"),
-                           ("--average 0", "not a whole number")):
-        assert main(f"identify long.npz --allow-missing {wrong}".split()) == 2
+    assert main("identify long.npz --allow-missing --from 600".split()) == 2
+    assert "leave nothing" in capsys.readouterr().err
+    for wrong, message in (("--to=-3", "not a number of seconds"),
+                           ("--average=0", "not a whole number")):
+        with pytest.raises(SystemExit, match="2"):
+            main(["identify", "long.npz", wrong])
         assert message in capsys.readouterr().err
 
 

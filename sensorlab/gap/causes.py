@@ -123,12 +123,19 @@ def further_causes(scene, acc, effects, processes=True):
     if alone >= 0.5:
         return Further(tuple(causes), None, prior)
     chosen = _with_best(scene, plain, acc, best, signature)
-    if plain is not scene and (
-            chosen.log_evidence - acc.log_evidence < np.log(len(rivals))):
+    if plain is not scene and (chosen.log_evidence - acc.log_evidence
+                               < np.log(len(rivals)) + search_cost(best.effect, scene)):
         # what stood in for the jumps misled: the filter with jumps sees nothing
         return further_causes(scene, acc, [e for e in effects if e is not best.effect],
                               processes)
     return Further(tuple(causes), chosen, prior)
+
+
+def search_cost(effect, scene):
+    """What the best of as many signatures as an effect has gains by chance, nats: an
+    account has that one alone.
+    """
+    return np.log(len(scene.y)) if effect.columns and effect.search else 0.0
 
 
 def _with_signatures(listed, samples):

@@ -7,13 +7,15 @@ import numpy as np
 
 from sensorid import brief
 from sensorlab.gap.account import Account
-from sensorlab.gap.causes import Cause, further_causes, without
+from sensorlab.gap.causes import (
+    Cause, further_causes, search_cost, without)
 from sensorlab.gap.distance import Gap
 from sensorlab.gap.flexible import stays_needed
 from sensorlab.gap.readings import as_read
 
 MAX_EFFECTS = 6         # beside readings
 MAX_DOUBTFUL = 2        # one after another that may stand in for something unknown
+MAX_LOOKS = 8           # with what the simulator's own records show, too
 LOOK_ON = 0.2           # p-value from which on no second process is looked for
 
 
@@ -37,12 +39,12 @@ def search(full, start, readings, effects, before, measured, shared, tell):
     records show an effect, too: then it is described, but nothing that is missing.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
-    looks, doubtful, leaves, after, left = 0, 0, {}, before, 0.0
+    added, doubtful, leaves, after, left = 0, 0, {}, before, 0.0
     if path.found:
         after = measured(acc)
-    while (looks < MAX_EFFECTS and doubtful < MAX_DOUBTFUL
-           and not any(r.opaque for r in start.readings)):
-        looks += 1
+    for _ in range(0 if any(r.opaque for r in start.readings) else MAX_LOOKS):
+        if added == MAX_EFFECTS or doubtful == MAX_DOUBTFUL:
+            break
         # a process shows in the undirected statistics, if it is there; jumps may not
         look = further_causes(scene, acc, effects,
                               not path.found or after.p_value < LOOK_ON)
@@ -59,6 +61,7 @@ def search(full, start, readings, effects, before, measured, shared, tell):
                                                *acc.signatures[:-1]))
             after = measured(acc)
             continue
+        added += 1
         acc, path = look.account, _joined(path, found[0])
         leaves.pop(path.effect)
         acc, path, leaves = _without_needless(full, acc, path, leaves, look.prior)
@@ -76,7 +79,8 @@ def _without_needless(full, acc, path, leaves, prior):
         if one.effect.reading:
             continue
         less = without(full, acc, path.found, number)
-        log_odds = acc.log_evidence - less.log_evidence + prior
+        log_odds = (acc.log_evidence - less.log_evidence + prior
+                    - search_cost(one.effect, full))
         if log_odds < 0.0:
             kept = 1.0 / (1.0 + np.exp(-log_odds))
             whole, total = path, path.probability

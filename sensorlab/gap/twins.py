@@ -30,23 +30,28 @@ class Twins:
         """Do they show an effect that a record shows, with the same parameters?"""
         look = further_causes(self.scene, self.account, [one.effect])
         best = next((c.found[0] for c in look.causes if c.found), None)
+        size = one.effect.size
         if look.account is None or best.column != one.column or not all(
-                _alike(one.values[symbol], value)
-                for symbol, value in best.values.items()
-                if symbol not in (one.effect.size, "phase")):
+                abs(one.values[symbol][0]) < LARGER * abs(value[0]) if symbol == size
+                else _alike(symbol, one.values[symbol], value)
+                for symbol, value in best.values.items() if symbol != "phase"):
             return False
         self.account = look.account    # described as the record is
         return True
 
 
-ALIKE = 3.0    # standard errors by which two estimates of one parameter may differ
+ALIKE = 3.0     # standard errors by which two estimates of one parameter may differ
+LARGER = 2.0    # times as large a size is no longer what they show
+MOVED = 0.2     # of a parameter, from one record of a sensor to the next: vibration is
+                # no pure line
 
 
-def _alike(one, other):
+def _alike(symbol, one, other):
     (mean, sd), (again, its_sd) = one, other
     if isinstance(mean, str):
         return mean == again
-    return abs(mean - again) <= ALIKE * np.hypot(sd, its_sd) + 0.01 * abs(mean)
+    moved = 0.0 if symbol == "onset" else MOVED * abs(mean)
+    return abs(mean - again) <= ALIKE * np.hypot(sd, its_sd) + moved
 
 
 def _of_others(gap, records):
