@@ -172,7 +172,7 @@ def _draw_record(ax, d, unit):
 
 def _brief_names(names):
     names = list(dict.fromkeys(names))
-    return "+".join(names) if len(names) < 3 else f"{names[0]} and {len(names) - 1} more"
+    return "+".join(names if len(names) < 3 else [names[0], f"{len(names) - 1} more"])
 
 
 def _draw_bands(ax, d, unit):

@@ -25,6 +25,7 @@ def test_means_that_a_simulator_expects():
     assert abs(diagnosis.expected_mean([h], DT, n) / exact - 1.0) < 4.0 / np.sqrt(128.0)
 
 
+@pytest.mark.large
 def test_a_transient_is_no_bias_where_the_simulator_expects_none():
     rng = np.random.default_rng(6)
     t = np.arange(generator.N)
@@ -86,6 +87,7 @@ def test_an_effect_outside_the_catalogue_is_unknown(effect):
         "unknown", "undecided")
 
 
+@pytest.mark.large
 def test_a_scale_factor_that_depends_on_temperature_is_unknown():
     record = generator.record(300, 2)
     shape = record["rate"] * (record["temperature"] - record["temperature"].mean())
@@ -109,11 +111,6 @@ def test_what_drifts_returns_or_lags_is_named(effect):
     if effect == "pulse":
         assert abs(d.found[0].values["onset"][0] - 297.0) < 3.0
         assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
-
-
-def test_two_effects_are_found_together():
-    d = diagnosed(generator.record(400, 1, ["bias_step", "outliers"], level=4))
-    assert set(d.verdict.split("+")) == {"bias_step", "outliers"}
 
 
 def test_a_wrong_parameter_is_named_with_its_factor():

@@ -29,7 +29,7 @@ def test_what_no_effect_explains_stands_beside_what_one_does():
 def test_each_of_two_effects_closes_its_part():
     d = diagnosed(generator.record(400, 1, ["bias_step", "outliers"], level=4))
     shares = {one.name: part.share for one, part in zip(d.found, d.parts)}
-    assert set(shares) == {"bias_step", "outliers"}
+    assert set(shares) == set(d.verdict.split("+")) == {"bias_step", "outliers"}
     assert shares["outliers"] > 0.5 and shares["bias_step"] > 0.0
     assert d.closure.closed > 0.9 and all(part.stays for part in d.parts)
     assert d.remainder.share < 0.1

@@ -35,6 +35,7 @@ def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
     assert any(0.45 < f < 0.6 for f in lines), [one.name for one in d.found]
 
 
+@pytest.mark.large
 def test_runs_of_one_sensor_differ_by_a_drift_or_not_at_all(real):
     runs = {}
     for k in (1, 2, 3):    # gyro x, 2 s means

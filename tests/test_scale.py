@@ -70,6 +70,7 @@ def model_of_case_3():
         0.1, "u", sensorlab.Simulator(paper_case(3))))
 
 
+@pytest.mark.large
 def test_a_run_killed_with_9_resumes_with_the_same_bits(tmp_path):
     (tmp_path / "m.json").write_text(model_of_case_3())
     kept = tmp_path / "kept"
@@ -108,6 +109,7 @@ def test_an_interrupt_ends_with_one_line_that_says_how_to_go_on(tmp_path):
     assert not (tmp_path / "a.json").exists()
 
 
+@pytest.mark.large
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="needs /proc")
 def test_memory_does_not_grow_with_trials():
     code = ("import sys, sensorid as s, conftest\n"

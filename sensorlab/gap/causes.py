@@ -132,10 +132,11 @@ def further_causes(scene, acc, effects, processes=True):
 
 
 def search_cost(effect, scene):
-    """What the best of as many signatures as an effect has gains by chance, nats: an
-    account has that one alone.
+    """What the best of as many signatures as a pulse has gains by chance over the best
+    of as many as a step has, nats: an account has that one alone, of a wide size.
     """
-    return np.log(len(scene.y)) if effect.columns and effect.search else 0.0
+    more = len(effect.parameters(scene)) - 1 if effect.columns else 0
+    return max(more, 0) * np.log(len(scene.y))
 
 
 def _with_signatures(listed, samples):
