@@ -26,6 +26,9 @@ Notation
                  amplitude, covariate
     gap          distances of a record from the simulator of an account, by place
     closure      how much smaller the gap is with the effects that were found
+    remainder    what is left of it then; flexible: described by any colour and spread
+    twins        records of a simulator that is known by them alone, its own
+    drift        the error integrated over a horizon, which a gap costs a user
     held out     the last third of a record, foretold by a fit of the rest
     theta, x     parameters; the same where the prior is N(0, I)
     w, C         weights; covariance of a record under a member
@@ -33,5 +36,6 @@ Notation
 
 The files read in the order of the argument; each takes only from those before it:
 effects, catalogue, kernels, filters, evidence, signatures, readings, account, causes,
-places, distance, closure, diagnosis, report.
+places, distance, closure, drift, twins, flexible, search, remainder, verdict,
+diagnosis, blackbox, report.
 """
