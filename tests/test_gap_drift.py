@@ -11,9 +11,11 @@ from sensorlab.gap import drift
 def test_integrated_white_noise_grows_with_the_root_of_the_horizon():
     y = 3.0 * np.random.default_rng(0).standard_normal((400, 4096))
     found = drift.integrated(y, 0.1, [16, 256])
-    exact = 0.1 * 3.0 * np.sqrt([16.0, 256.0]) * np.sqrt(1.0 - np.array([16, 256]) / 4096)
+    m = np.array([16.0, 256.0])    # samples; the mean of all 4096 is taken away
+    exact = 0.1 * 3.0 * np.sqrt(m * (1.0 - m / 4096.0))
     # 400 records of 256 and 16 windows; a standard error of rms / sqrt(2 windows)
-    assert_allclose(np.sqrt((found**2).mean(0)), exact, rtol=5.0 / np.sqrt(2 * 400 * 16))
+    assert_allclose(np.sqrt((found**2).mean(0)), exact,
+                    rtol=5.0 / np.sqrt(2 * 400 * 16))
 
 
 def test_horizons_that_a_record_does_not_hold_are_left_out():
