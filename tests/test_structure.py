@@ -144,6 +144,19 @@ def test_figures_7_and_8_compare_the_algorithms(small, monkeypatch, capsys):
     assert capsys.readouterr().out.count("whittle") == 3 + 2 * 3 + 4
 
 
+@pytest.mark.large
+def test_one_record_of_every_hostile_condition(small):
+    """All of them: python -m figures hostile"""
+    from figures import hostile
+    verdicts = {name: said[0] for name, said in hostile.compute().items()}
+    wrong = {name: v for name, v in verdicts.items() if not hostile.right(name, v)}
+    healthy = [name for name, (_, right) in hostile.CONDITIONS.items()
+               if "none" in right]
+    # a healthy record is named in 1 of 50, any other in one of six: 13 and 6 conditions
+    assert len(verdicts) == len(hostile.CONDITIONS) and len(healthy) == 13
+    assert sum(name in wrong for name in healthy) <= 1 and len(wrong) <= 4, wrong
+
+
 def test_allan_curves_cannot_tell_the_processes_apart_without_white_noise(small):
     """Sec. 4.1: only the +1/2 slope is seen in Figure 1b below 30 s."""
     for name, tau, _, expected in identification.allan_curves(fig1.EXAMPLES):
