@@ -413,6 +413,7 @@ def test_parameters_are_quoted_as_data_sheets_do(folder, capsys):
     assert abs(walk["mean"] / 3600 / 60 - 0.1) < 0.02
 
 
+@pytest.mark.large
 def test_a_record_is_converted_to_the_unit_of_the_model(folder, capsys):
     pathlib.Path("h.json").write_text(json.dumps(MODEL | {"unit": "deg/s"}))
     np.savez("hours.npz", error=np.load("r.npz")["error"] * 3600, dt=1.0)

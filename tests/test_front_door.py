@@ -118,6 +118,7 @@ def test_results_are_shown_in_a_few_lines():
         assert len(repr(result)) < 1600, repr(result)
 
 
+@pytest.mark.large
 def test_a_wheel_that_is_installed_elsewhere_works(record):
     source, site = record / "source", record / "site"
     shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(

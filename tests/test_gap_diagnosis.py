@@ -153,6 +153,7 @@ def test_what_two_steps_explain_is_no_telegraph():
     assert_allclose(onsets, [670.0, 790.0], atol=3.0)
 
 
+@pytest.mark.large
 def test_what_was_not_fitted_is_foretold_better():
     d = diagnosed(generator.record(500, 1, ["correlated_noise"], level=4))
     assert d.held_out.gain > 0.01

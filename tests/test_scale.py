@@ -32,6 +32,7 @@ def test_a_pool_of_processes_gives_the_same_bits(serial):
         same(serial, s.criteria(paper_case(3), **RUN, executor=pool))
 
 
+@pytest.mark.large
 def test_a_dask_cluster_gives_the_same_bits(serial):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True,
