@@ -21,8 +21,9 @@ def run(options):
     record, unit = in_unit(read(options), options)
     d = diagnose(record.error, record.dt, Simulator(default_hypotheses(
         record.error, record.dt)), progress=progress_bar)
+    simulator = augmented(d)
+    (h,) = simulator.hypotheses
     if options.json:
-        (h,) = augmented(d).hypotheses
         write_json(options.json, {
             **{key: value for key, value in report(d, record).items()
                if key in ("record", "found", "gap")},
@@ -30,7 +31,7 @@ def run(options):
                 p.symbol: dict(mean=p.mean, sd=p.sd) for p in h.parameters})})
     if options.save_model:
         write_text(options.save_model, model_text(Model(
-            record.dt, unit, augmented(d), pathlib.Path(record.file).name)))
+            record.dt, unit, simulator, pathlib.Path(record.file).name)))
     if plt:
         save(draw_diagnosis(plt, d, record, unit), options.plot)
-    print(f"{record.heading}\n{described(d, augmented(d).hypotheses[0], unit)}")
+    print(f"{record.heading}\n{described(d, h, unit)}")

@@ -40,13 +40,14 @@ def run(options):
                      seed=options.seed, progress=progress_bar, simulated=simulated)
     except ValueError as problem:
         raise ValueError(f"{options.model or record.file}: {problem}") from None
-    (h,) = augmented(d).hypotheses
+    simulator = augmented(d)
+    (h,) = simulator.hypotheses
     quotes = as_quoted([(p.symbol, p.mean, p.sd) for p in h.parameters], record.dt,
                        unit, options)
     if folder:
         folder.mkdir(exist_ok=True)
         write_text(folder / "model.json",
-                   model_text(Model(record.dt, unit, augmented(d),
+                   model_text(Model(record.dt, unit, simulator,
                                     pathlib.Path(record.file).name)))
         write_json(folder / "report.json", report(d, record))
         save(draw_diagnosis(plt, d, record, unit), folder / "report.png")

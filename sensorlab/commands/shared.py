@@ -54,12 +54,13 @@ def _part(record, options):
         raise ValueError(f"--from, --to and --average {m} leave nothing of the "
                          f"{N * record.dt:g} s of {record.file}")
 
+    if (first, last, m) == (0, N, 1):
+        return record
+
     def averaged(x):
         x = x[first:last].reshape(-1, m)
         count = np.maximum((~np.isnan(x)).sum(1), 1)
         return np.where(np.isnan(x).all(1), np.nan, np.nansum(x, 1) / count)
-    if (first, last, m) == (0, N, 1):
-        return record
     clock = record.clock or f"dt {record.dt:g} s"
     if m > 1:
         clock += f"; means of {m}, dt {m * record.dt:g} s"

@@ -17,7 +17,7 @@ EVEN = 2.0     # standard errors by which a process must gain on average over SP
 MOST = 0.5     # share of the gap that jumps must close where it is widest
 
 
-def stays_needed(full, effect, without_it, with_it):
+def stays_needed(effect, without_it, with_it):
     """Is an effect needed where what is left is coloured and uneven in any way? By two
     gaps, to the account without and with it.
 
@@ -40,7 +40,7 @@ def stays_needed(full, effect, without_it, with_it):
     if effect.jumps and _closed_at_worst(without_it, with_it) < MOST:
         return False
     # the best of as many places as it could be at gains that much by chance
-    searched = np.log(len(full.y)) if effect.search else 0.0
+    searched = np.log(len(with_it.z)) if effect.search else 0.0
     return bool(gain.sum() > NEEDED_NATS + searched)
 
 

@@ -47,8 +47,7 @@ def parts(full, path, acc, closed, before, after, measured):
     """
     if len(path.found) == 1:
         share = np.clip(closed.closed, 0.0, 1.0)
-        return (Part(float(share), stays_needed(
-            full, path.found[0].effect, before, after)),)
+        return (Part(float(share), stays_needed(path.found[0].effect, before, after)),)
     out, result = standing_out(before), []
     for number, one in enumerate(path.found):
         less = without(full, acc, path.found, number)
@@ -56,5 +55,5 @@ def parts(full, path, acc, closed, before, after, measured):
         share = (gap.rms(out) - after.rms(out)) / (before.rms(out) - 1.0) if (
             out.any()) else (acc.log_evidence - less.log_evidence) / path.log_bayes
         result.append(Part(float(np.clip(share, 0.0, 1.0)),
-                           stays_needed(full, one.effect, gap, after)))
+                           stays_needed(one.effect, gap, after)))
     return tuple(result)

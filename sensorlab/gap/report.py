@@ -128,12 +128,15 @@ def described(d, h, unit):
         lines.append("their sum describes the record: a remainder as large has the "
                      f"chance {d.remainder.p_value:.2g}")
     else:
-        i = outstanding(d.after)[0]
-        place = d.before.statistics.place[i].replace("_", " ")
         lines.append(f"{100 * d.remainder.share:.0f} % of what white noise, walk and "
-                     f"Markov process leave is not described: look at {place}, "
-                     f"{_at(d.before.statistics, i)}")
+                     f"Markov process leave is not described: {_look_at(d)}")
     return "\n".join(lines)
+
+
+def _look_at(d):
+    """Where most of what is left stands out."""
+    i, s = outstanding(d.after)[0], d.before.statistics
+    return f"look at {s.place[i].replace('_', ' ')}, {_at(s, i)}"
 
 
 def _verdict(d):
@@ -258,10 +261,7 @@ def _advice(d):
         yield (f"a record of about {float(f'{d.needed_duration:.2g}'):g} s would "
                "tell the first two apart, if the odds grow as they did")
     if "unknown" in d.verdict:
-        i = outstanding(d.after)[0]
-        s = d.before.statistics
-        yield ("what is left fits no effect of the catalogue: look at "
-               f"{s.place[i].replace('_', ' ')}, {_at(s, i)}")
+        yield f"what is left fits no effect of the catalogue: {_look_at(d)}"
         doubtful = [one.name for one, part in zip(d.found, d.parts) if not part.stays]
         if doubtful:
             yield (f"{', '.join(doubtful)} may stand in for it: not needed where it is "

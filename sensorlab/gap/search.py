@@ -53,9 +53,10 @@ def search(full, start, readings, effects, before, measured, shared, tell):
         left = max([0.0, *(c.log_bayes for c in found)])
         if look.account is None:
             return Search(acc, path, leaves, after, left)
-        if shared(found[0].found[0]):
+        (one,) = found[0].found
+        if shared(one):
             acc, leaves = look.account, before_it
-            if found[0].found[0].effect.columns:    # those of the simulator come first
+            if one.effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
                                                *acc.signatures[:-1]))
             after = measured(acc)
@@ -65,7 +66,7 @@ def search(full, start, readings, effects, before, measured, shared, tell):
         leaves.pop(path.effect)
         acc, path, leaves = _without_needless(full, acc, path, leaves, look.prior)
         last, after = after, measured(acc)
-        needed = stays_needed(full, path.found[-1].effect, last, after)
+        needed = stays_needed(path.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
     return Search(acc, path, {**leaves, path.effect: path}, after, left)
 
