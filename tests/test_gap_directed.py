@@ -28,7 +28,7 @@ def test_nodes_of_two_posteriors_give_the_evidence(level):    # moves the poster
         return np.column_stack([solved.base, *(
             solved.base + signatures.mean_bayes(one.gain, table[one.k])
             for one in found)])
-    whole = evidence.integrate(log_likelihood, h.parameters, enough=400.0)
+    whole = evidence.integrate(log_likelihood, h.parameters, effort=6.0)
     (sample,) = directed.directed(scene, account(scene, [h]), listed)
     gain = whole.log_evidence - whole.log_evidence[0]
     assert (gain.max() > 50.0) == (level == 4)

@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 from sensorid import Parameter, brief, free_columns
 from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
-from sensorlab.gap.evidence import enough_points, integrate, onset_law
+from sensorlab.gap.evidence import effort, integrate, onset_law
 from sensorlab.gap.filters import log_likelihoods, predict, solve
 
 
@@ -60,7 +60,7 @@ def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None
         samples[number] = integrate(
             likelihood_of(h), h.parameters, guess_from(past, number),
             onset_law(h, scene, signatures), max(floor, evidence.max()),
-            enough=enough_points(scene))
+            effort=effort(scene))
         evidence[number] = samples[number].log_evidence[0]
     best = int(np.argmax(evidence))
     return Account(tuple(bases), tuple(hypotheses), tuple(signatures), tuple(readings),

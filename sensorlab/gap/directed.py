@@ -9,8 +9,8 @@ from scipy.special import logsumexp
 
 from sensorid import probabilities
 from sensorlab.gap.account import account
-from sensorlab.gap.effects import BLOCK, LONG_RECORD, Found, columns_of, psi_of
-from sensorlab.gap.evidence import Sample, normalized
+from sensorlab.gap.effects import BLOCK, Found, columns_of, psi_of
+from sensorlab.gap.evidence import Sample, effort, normalized
 from sensorlab.gap.filters import Signature, log_likelihoods, solve
 from sensorlab.gap.scans import is_coarse, refined, scores
 from sensorlab.gap.signatures import SIZES, bayes_table, log_bayes, mean_bayes
@@ -26,8 +26,7 @@ SLIGHT = 1e-3         # share of a hypothesis that need not be asked for a size
 
 def nodes_for(scene):
     """Nodes that stand for a posterior: of a long record it is narrow."""
-    return NODES // (1 if len(scene.y) <= LONG_RECORD else
-                     2 if len(scene.y) <= 10 * LONG_RECORD else 4)
+    return round(NODES * effort(scene))
 
 
 def directed(scene, reference, listed, table=None):

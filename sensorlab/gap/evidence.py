@@ -82,11 +82,12 @@ HOPELESS_NATS = 3.0       # below a rival: what the mean evidence would hardly n
 NOTHING = -1e100          # log-likelihood where a filter breaks down
 
 
-def enough_points(scene):
-    """Effective points at which the evidence of a record of this length is good enough:
-    of a long one, what differs differs by more.
+def effort(scene):
+    """Share of the points that a record of this length is worth: of a long one, what
+    differs differs by more.
     """
-    return ENOUGH_POINTS / (1.0 if len(scene.y) <= LONG_RECORD else 2.0)
+    N = len(scene.y)
+    return 1.0 if N <= LONG_RECORD else 0.5 if N <= 10 * LONG_RECORD else 0.25
 
 
 class _Points(NamedTuple):
@@ -122,7 +123,7 @@ def _log_normal(x):
 
 
 def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
-              seed=0, enough=ENOUGH_POINTS):
+              seed=0, effort=1.0):
     """Evidence and posterior sample by adaptive multiple importance sampling.
 
     Parameters
@@ -139,8 +140,8 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
     floor : float
         An evidence this low need not be known well.
     seed : int
-    enough : float
-        Effective points at which it is done.
+    effort : float
+        Share of ENOUGH_POINTS at which it is done, and of ROUND.
 
     Returns
     -------
@@ -165,7 +166,8 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         return Sample(one.theta, one.x, one.moved, one.log_likelihood,
                       one.log_likelihood[0])
     rng = np.random.default_rng(seed)
-    x, proposals = _first_points(d, guess, rng)
+    few, enough = round(effort * ROUND), effort * ENOUGH_POINTS
+    x, proposals = _first_points(d, guess, few, rng)
     points, modes, missed = located(x), [], True
     for attempt in range(MAX_ROUNDS):
         log_weight = points.log_weight(proposals)
@@ -184,36 +186,36 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
             law = modes[-1]
         else:
             law = _next_law(points, log_weight, effective, found, modes)
-        x, density = _drawn(*law, rng)
-        proposals.append((ROUND, density))
+        x, density = _drawn(*law, few, rng)
+        proposals.append((few, density))
         points = points.joined(located(x))
     log_weight = points.log_weight(proposals)
     return Sample(points.theta, points.x, log_weight, points.log_likelihood, logsumexp(
         points.log_likelihood + log_weight[:, None], axis=0))
 
 
-def _first_points(d, guess, rng):
+def _first_points(d, guess, few, rng):
     """Points of a Latin hypercube of the prior, and of a guess if there is one; the
     proposals that they come from.
     """
     # few of the prior where a whole guess may do better
-    count = ROUND if guess is None or len(guess[0]) < d else ROUND // 4
+    count = ROUND if guess is None else few if len(guess[0]) < d else few // 4
     x = ndtri(LatinHypercube(d, rng=rng).random(count))
     proposals = [(count, _log_normal)]
     if guess is not None:
         k = len(guess[0])
         mean, cov = np.zeros(d), np.eye(d)
         mean[:k], cov[:k, :k] = guess
-        more, density = _drawn(mean, cov, rng)
+        more, density = _drawn(mean, cov, few, rng)
         x = np.vstack([x, more])
-        proposals.append((ROUND, density))
+        proposals.append((few, density))
     return x, proposals
 
 
-def _drawn(mean, cov, rng):
-    """A round of points from a Student t somewhat wider than a law, and its density."""
+def _drawn(mean, cov, count, rng):
+    """Points from a Student t somewhat wider than a law, and its density."""
     law = multivariate_t(mean, 1.2 * cov + 1e-12 * np.eye(len(mean)), df=5)
-    x = law.rvs(ROUND, random_state=rng).reshape(ROUND, len(mean))
+    x = law.rvs(count, random_state=rng).reshape(count, len(mean))
     return x, lambda x: np.reshape(law.logpdf(x), len(x))
 
 
