@@ -105,7 +105,7 @@ def _of_effect(effect):
         parameters = {symbol: _prior(symbol) for symbol in needed + optional}
     psi = psi_of(scene, effect, {p.symbol: p.mean for p in effect.parameters(scene)})
     variants = [name for name, _ in effect.columns(
-        scene, np.arange(8.0), psi)] if effect.columns else []
+        scene, np.arange(8.0), psi)] if effect.columns else effect.variants
     return dict(
         properties=dict(
             parameters=_object(needed, **parameters),

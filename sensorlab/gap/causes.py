@@ -6,12 +6,12 @@ import numpy as np
 
 from sensorid import brief, free_columns, probabilities
 from sensorlab.gap.account import Account, account, gaussian, guess_from, mean_evidence
-from sensorlab.gap.catalogue import flicker_times
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS
 from sensorlab.gap.filters import solve
 from sensorlab.gap.readings import as_read
 from sensorlab.gap.signatures import estimate_signature, families, family_evidence
+from sensorlab.gap.spectra import promise
 
 UNKNOWN = Effect("unknown")    # something that is in no catalogue
 
@@ -75,6 +75,7 @@ class _Rival(NamedTuple):
     family: int = 0      # number of its family in the evidence, from 1
     account: Account = None    # with the effect in it; a signature has a family instead
     values: dict = {}    # (mean, sd) by symbol
+    variant: str = ""
 
 
 LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters
@@ -116,8 +117,10 @@ def further_causes(scene, acc, effects, processes=True):
             signature = found if rival is best else signature
         column = "" if rival.effect.factor else _either(
             [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
-        one = (Found(rival.effect) if answer is None else answer)._replace(
-            column=column, values=values)
+        if answer is None:
+            answer = Found(rival.effect, "", rival.variant, {},
+                           float(share[group[0]] / probability))
+        one = answer._replace(column=column, values=values)
         causes.append(Cause((one,), float(probability), float(rival.log_bayes)))
     causes.sort(key=lambda c: -c.probability)
     if alone >= 0.5:
@@ -151,14 +154,31 @@ def _with_filters(scene, plain, acc, reference, effects, processes):
     """Rivals that are inside the filter: models, if wanted, and jumps."""
     for effect in effects:
         inside = effect.jumps or processes and effect.model and not effect.reading
-        if not inside or not _has_room(effect, acc, scene):
+        if not inside or not _has_room(effect, acc):
             continue
         start, at = (acc, scene) if effect.jumps else (reference, plain)
-        new = account(at, acc.bases, [h.with_effect(effect) for h in start.hypotheses],
-                      acc.signatures, acc.readings, start,
-                      start.log_evidence + HOPELESS_NATS)
-        yield _Rival(effect, "", _log_bayes(new, start), account=new,
-                     values=_values(effect, new))
+        for variant in effect.variants or ("",):
+            richer = [h.with_effect(effect, variant) for h in start.hypotheses]
+            if effect.search in ("band", "spectrum"):
+                richer, told = _promising(at, start, richer)
+                if told < 0.0:
+                    continue
+            new = account(at, acc.bases, richer, acc.signatures, acc.readings, start,
+                          start.log_evidence + HOPELESS_NATS)
+            yield _Rival(effect, "", _log_bayes(new, start), account=new,
+                         values=_values(effect, new), variant=variant)
+
+
+def _promising(scene, acc, richer):
+    """Hypotheses of an account with a further process, its frequency sought, and ln B
+    of it by Whittle's likelihood.
+    """
+    pairs = [promise(h, one, scene, acc.signatures,
+                     s.theta[s.log_likelihood[:, 0].argmax()])
+             for h, one, s in zip(acc.hypotheses, richer, acc.samples)]
+    evidence = np.array([s.log_evidence[0] for s in acc.samples])
+    return [h for h, _ in pairs], mean_evidence(
+        evidence + [gain for _, gain in pairs]) - mean_evidence(evidence)
 
 
 def _log_bayes(new, old):
@@ -219,7 +239,8 @@ def _with_best(scene, plain, acc, best, signature):
                        acc.readings, acc)
     if plain is not scene and best.effect.model:
         return account(scene, acc.bases,
-                       [h.with_effect(best.effect) for h in acc.hypotheses],
+                       [h._replace(effects=(*h.effects, own.effects[-1]))
+                        for h, own in zip(acc.hypotheses, best.account.hypotheses)],
                        acc.signatures, acc.readings, acc)
     return best.account
 
@@ -274,18 +295,17 @@ def without(full, acc, found, number):
     return account(as_read(full, readings), acc.bases, hypotheses, signatures, readings)
 
 
-def _has_room(effect, acc, scene):
+MOST_STATES = 6    # of a shaping filter
+
+
+def _has_room(effect, acc):
     """Is there room for a process or jumps that are not there yet?"""
     if any(one.effect.name == effect.name for one in acc.member.effects) or any(
             effect.name == h.hypothesis.model.__name__ for h in acc.hypotheses):
         return False
-    more = dict(bias_instability=len(flicker_times(scene))).get(
-        effect.name, bool(effect.model))
-    return max(_states(h, scene.dt) for h in acc.hypotheses) + more <= 6
-
-
-def _states(h, dt):
-    return len(h.filter(dt, np.array([p.mean for p in h.parameters])).m0)
+    richer = [h.with_effect(effect) for h in acc.hypotheses]
+    return max(len(h.filter(h.scene.dt, np.array([p.mean for p in h.parameters])).m0)
+               for h in richer) <= MOST_STATES
 
 
 def _with_wrong_parameters(scene, acc, effect):

@@ -67,13 +67,16 @@ class Effect(NamedTuple):
                                 # array, k <= 2, which a size multiplies; x is the
                                 # column beside the error, psi the parameter,
                                 # or a tuple where there are several
-    model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter
+    model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
+                                # takes the variant, where there are variants
+    variants: tuple = ()        # forms of a model; "" is the first
     jumps: Callable = None      # (dt, **parameters) -> Jumps
     reading: Callable = None    # (scene, y, **values) alters values y (..., N) in place
     factor: float = 0.0         # by which one parameter of the simulator may be wrong
     parameters: Callable = nothing    # of the scene: priors of all that is no size
     search: str = ""            # how psi is found: "onset", "frequency", "pulse", else
-                                # by a list
+                                # by a list; a model that shows in the spectrum of the
+                                # residuals: "spectrum", or "band" by its frequency
     size: str = "size"          # what the factor of the columns is called
     column: str = ""            # what must be recorded beside the error; "*" is what no
                                 # other effect names, "any" is anything
@@ -157,7 +160,9 @@ class Member(NamedTuple):
         filt = self.hypothesis.filter(dt, theta[:len(self.hypothesis.parameters)])
         for one in self.effects:
             if one.effect.model:
-                filt = one.effect.model(self.scene, filt, **self.of(one, theta))
+                form = dict(variant=one.variant) if one.effect.variants else {}
+                filt = one.effect.model(self.scene, filt, **form,
+                                        **self.of(one, theta))
         return filt
 
     def jumps(self, theta):
@@ -186,10 +191,11 @@ class Member(NamedTuple):
                 if (one.name, symbol) in known else p
                 for symbol, p in one.values.items()}) for one in self.effects))
 
-    def with_effect(self, effect):
+    def with_effect(self, effect, variant=""):
         """The same with one more effect, its parameters free."""
-        return self._replace(effects=(*self.effects, Found(effect, values={
-            p.symbol: p for p in effect.parameters(self.scene)})))
+        return self._replace(effects=(*self.effects, Found(
+            effect, variant=variant,
+            values={p.symbol: p for p in effect.parameters(self.scene)})))
 
     def matching(self, other, theta):
         """Parameters (p,) of another member that are those of this one at theta, or

@@ -248,9 +248,12 @@ def _advice(d):
         if d.verdict != "none":
             yield f"{name} is confused with {e.resembles}; to tell: {e.experiment}"
     for one in d.found:
-        if one.variant:
+        if one.variant and one.column:
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "
                    f"probability {one.share:.2f} among its forms; its size is of that")
+        elif one.variant:
+            yield (f"{one.name} is of {one.variant}, probability {one.share:.2f} among "
+                   "its forms")
     for column in {s.found.column for s in d.final.signatures if s.found.column}:
         low, high = clusters(d.scene.columns[column])
         if high:
