@@ -132,6 +132,21 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
 
 
+def test_wrong_units_are_one_factor_on_all_standard_deviations():
+    said = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)]
+    y = 9.80665 * sensorid.simulate(said, DT, 1500, seed=4).error[0]
+    d = sensorlab.diagnose(y, DT, said)
+    assert d.verdict == "wrong_parameter"
+    assert d.found[0].values["parameter"][0] == "all"
+    factor, sd = d.found[0].values["factor"]
+    assert abs(factor - 9.80665) < 3.0 * sd < 1.0
+    (h,) = sensorlab.augmented(d).hypotheses
+    assert_allclose([p.mean for p in h.parameters], [0.980665, 4.90333], rtol=0.1)
+    assert sensorlab.augmented(d).effects == ((),)
+    again = sensorlab.diagnose(y, DT, sensorlab.augmented(d))
+    assert again.verdict in ("none", "undecided")
+
+
 def test_a_sensor_noisier_than_its_range_has_no_change_of_noise():
     rng = np.random.default_rng(0)
     y = np.cumsum(0.1 * rng.standard_normal(1000)) + 2.5 * rng.standard_normal(1000)

@@ -453,7 +453,8 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="quantization",
            experiment="compare the counters of sensor and logger"),
     Effect("wrong_parameter", factor=1000.0,
-           equation="one parameter of the simulator is factor times what it says",
+           equation="one parameter of the simulator, or all standard deviations, is "
+                    "factor times what it says",
            resembles="correlated noise, bandwidth",
            experiment="compare the Allan deviation with the data sheet, unit by unit"),
 )}

@@ -99,7 +99,8 @@ def further_causes(scene, acc, effects, processes=True):
               *_with_filters(scene, plain, acc, reference, effects, processes)]
     if processes:
         rivals += [rival for effect in effects if effect.factor
-                   for rival in _with_wrong_parameters(scene, acc, effect)]
+                   for wrong in (_with_wrong_parameters, _with_wrong_scale)
+                   for rival in wrong(scene, acc, effect)]
     prior, alone, share = _probabilities(acc, rivals)
     groups = _grouped(rivals, share)
     total = [share[group].sum() for group in groups]
@@ -119,7 +120,7 @@ def further_causes(scene, acc, effects, processes=True):
             [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
         if answer is None:
             answer = Found(rival.effect, "", rival.variant, {},
-                           float(share[group[0]] / probability))
+                           float(share[group[0]] / max(probability, 1e-300)))
         one = answer._replace(column=column, values=values)
         causes.append(Cause((one,), float(probability), float(rival.log_bayes)))
     causes.sort(key=lambda c: -c.probability)
@@ -264,7 +265,7 @@ def estimated_together(full, acc, path):
             values = {one.effect.size: (
                 float(size[0] if len(size) == 1 else np.hypot(*size)),
                 float(np.sqrt(np.mean(sd**2))))}
-        elif one.effect.factor:
+        elif _is_single(one):
             symbol = one.values["parameter"][0]
             values = dict(factor=_factor(symbol, acc.bases, acc))
         else:
@@ -283,7 +284,7 @@ def without(full, acc, found, number):
         # those of the simulator come first
         at = len(signatures) - sum(bool(f.effect.columns) for f in found[number:])
         signatures = signatures[:at] + signatures[at + 1:]
-    elif one.effect.factor:
+    elif _is_single(one):
         symbol = one.values["parameter"][0]
         hypotheses = [h._replace(hypothesis=h.hypothesis._replace(parameters=tuple(
             old if old.symbol == symbol else p
@@ -325,6 +326,34 @@ def _with_wrong_parameters(scene, acc, effect):
         yield _Rival(effect, symbol, _log_bayes(wide, acc), account=wide,
                      values=dict(parameter=(symbol, 0.0),
                                  factor=_factor(symbol, acc.hypotheses, wide)))
+
+
+ALL = "all"    # standard deviations, by one factor
+
+
+def _is_single(one):
+    """Is it a single parameter that is wrong?"""
+    return one.effect.factor and one.values["parameter"][0] != ALL
+
+
+def _with_wrong_scale(scene, acc, effect):
+    """The rival in which one factor, wrong units say, is on all standard deviations, if
+    there are several of which the record pushes against one.
+    """
+    if any(one.effect.factor for one in acc.member.effects):
+        return
+    columns = [[c for c, (_, symbol) in enumerate(h.keys) if symbol.startswith("sigma")]
+               for h in acc.hypotheses]
+    if max(map(len, columns)) < 2 or not any(
+            _pushed(h.parameters[c], sample, c) for h, sample, own in zip(
+                acc.hypotheses, acc.samples, columns) for c in own):
+        return
+    factor = Beyond("factor", 1.0 / effect.factor, effect.factor, 1.0, 1.0)
+    scaled = account(scene, acc.bases, [h._replace(effects=(*h.effects, Found(
+        effect, values=dict(factor=factor)))) for h in acc.hypotheses], acc.signatures,
+        acc.readings, acc)
+    yield _Rival(effect, ALL, _log_bayes(scaled, acc), account=scaled,
+                 values=dict(parameter=(ALL, 0.0), **_values(effect, scaled)))
 
 
 class Beyond(NamedTuple):
@@ -370,12 +399,17 @@ def _widened(h, sample, symbol, factor):
     if column is None:
         return h, False
     base, p = h.hypothesis, h.parameters[column]
-    mean, sd = sample.mean[column], sample.sd()[column]
-    pushed = not p.free or (
-        min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd)
     wide = Beyond(symbol, p.low / factor, p.high * factor, p.low, p.high)
     return h._replace(hypothesis=base._replace(parameters=(
-        *base.parameters[:column], wide, *base.parameters[column + 1:]))), pushed
+        *base.parameters[:column], wide, *base.parameters[column + 1:]))), _pushed(
+            p, sample, column)
+
+
+def _pushed(p, sample, column):
+    """Does a record push against an end of a parameter, or is it a number?"""
+    mean, sd = sample.mean[column], sample.sd()[column]
+    return not p.free or (
+        min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd)
 
 
 def _factor(symbol, hypotheses, wide):

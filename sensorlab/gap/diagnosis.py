@@ -156,7 +156,8 @@ def augmented(d):
     base have the posterior's mean and standard deviation, the rest are numbers.
     """
     # a uniform range of this half-width has that standard deviation
-    width = np.sqrt(3.0) * d.final.sample.sd(d.final.theta)
+    to, sample = d.final.member.in_units, d.final.sample
+    width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(d.final.theta))
     (h,), (effects,) = as_simulated(d.final, d.scene, d.after.theta, width)
     known = sum((signature_of(d.scene, one, _numbers(one)) for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))

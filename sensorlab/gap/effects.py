@@ -72,7 +72,8 @@ class Effect(NamedTuple):
     variants: tuple = ()        # forms of a model; "" is the first
     jumps: Callable = None      # (dt, **parameters) -> Jumps
     reading: Callable = None    # (scene, y, **values) alters values y (..., N) in place
-    factor: float = 0.0         # by which one parameter of the simulator may be wrong
+    factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
+                                # all standard deviations
     parameters: Callable = nothing    # of the scene: priors of all that is no size
     search: str = ""            # how psi is found: "onset", "frequency", "pulse", else
                                 # by a list; a model that shows in the spectrum of the
@@ -155,8 +156,23 @@ class Member(NamedTuple):
         """Parameters of one of the effects by symbol from theta (..., p)."""
         return {symbol: self.value(theta, one.name, symbol) for symbol in one.values}
 
+    def in_units(self, theta):
+        """Theta (..., p) with all standard deviations times their common factor, if it
+        is one of the effects: those of the hypothesis and of the effects before it.
+        """
+        for number, one in enumerate(self.effects):
+            if one.effect.factor:
+                before = self._replace(effects=self.effects[:number]).keys
+                scaled = [c for c, (_, symbol) in enumerate(before)
+                          if symbol.startswith("sigma")]
+                factor = self.value(theta, one.name, "factor")
+                theta = theta.copy()
+                theta[..., scaled] *= np.asarray(factor)[..., None]
+        return theta
+
     def filter(self, dt, theta):
         """Shaping filter at one value of the parameters."""
+        theta = self.in_units(theta)
         filt = self.hypothesis.filter(dt, theta[:len(self.hypothesis.parameters)])
         for one in self.effects:
             if one.effect.model:
@@ -167,6 +183,7 @@ class Member(NamedTuple):
 
     def jumps(self, theta):
         """`Jumps` at theta (M, p), each part (M,)."""
+        theta = self.in_units(theta)
         parts = [Jumps(*np.zeros((4, len(theta)))), *(
             one.effect.jumps(self.scene.dt, **self.of(one, theta))
             for one in self.effects if one.effect.jumps)]
