@@ -15,7 +15,7 @@ EFFECTS = (
     "g_sensitivity", "covariate", "hysteresis", "random_walk", "correlated_noise",
     "bias_instability", "narrow_band_noise", "bandwidth", "blue_noise", "noise_step",
     "outliers", "random_telegraph", "quantization", "saturation", "stuck",
-    "wrong_parameter")
+    "repeated_samples", "wrong_parameter")
 
 RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
           "PX4 or .bin of ArduPilot")

@@ -218,6 +218,12 @@ def _stick(scene, y, spans):
         y[..., first:first + int(length)] = y[..., first:first + 1]
 
 
+def repeat(scene, y, rate, phase):
+    """Every sample becomes the last that a sensor of a rate of its own has given."""
+    number = np.floor(rate * scene.time + phase)
+    y[:] = y[..., np.searchsorted(number, number)]
+
+
 CONCENTRATED = 0.9    # of a lattice: digits may blur it by a quarter of its spacing
 MOST_VALUES = 400     # of a record that are looked at
 
@@ -452,6 +458,11 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y keeps its value in spans of (start in s, samples)",
            resembles="quantization",
            experiment="compare the counters of sensor and logger"),
+    Effect("repeated_samples", reading=repeat,
+           equation="y is what the sensor gave last, which samples at rate, in Hz, below "
+                    "that of the record; phase in its samples at the first",
+           resembles="stuck samples, quantization",
+           experiment="compare the counters of sensor and logger, poll faster"),
     Effect("wrong_parameter", factor=1000.0,
            equation="one parameter of the simulator, or all standard deviations, is "
                     "factor times what it says",

@@ -285,9 +285,10 @@ ALIKE = 0.02    # relative: two counts or limits that are the same
 
 
 def _alike(own, seen):
-    """Is a reading of the simulator that of the record? Where samples stick may differ.
+    """Is a reading of the simulator that of the record? Where samples stick or begin to
+    repeat may differ.
     """
-    return all(symbol == "spans" or np.allclose(value, seen[symbol], rtol=ALIKE)
+    return all(symbol in ("spans", "phase") or np.allclose(value, seen[symbol], rtol=ALIKE)
                for symbol, value in own.items())
 
 
