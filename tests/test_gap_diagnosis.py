@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sensorid
 import sensorlab
 from sensorlab import Found, Scene
-from sensorlab.gap import causes, diagnosis
+from sensorlab.gap import account, causes, diagnosis
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
 
@@ -119,6 +119,30 @@ def test_what_drifts_returns_or_lags_is_named(effect):
     if effect == "pulse":
         assert abs(d.found[0].values["onset"][0] - 297.0) < 3.0
         assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
+
+
+@pytest.mark.parametrize("effect, variant, values", [
+    ("narrow_band_noise", "", dict(frequency=0.19, tau=20.0, sigma=0.4)),
+    ("bandwidth", "second order", dict(tau=0.7)),
+    ("blue_noise", "", dict(tau=1.0, sigma=0.8)), *(
+        pytest.param(*one, marks=pytest.mark.large) for one in (
+            ("narrow_band_noise", "", dict(frequency=0.02, tau=100.0, sigma=0.5)),
+            ("bandwidth", "first order", dict(tau=0.7)),
+            ("correlated_noise", "", dict(tau=6.0, sigma=0.5))))])
+def test_a_colour_is_named(effect, variant, values):
+    truth = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    one = Found(EFFECTS[effect], "", variant, account.fixed(**values))
+    y = sensorlab.simulate_effects(sensorlab.Simulator((truth,), ((one,),)), Scene(
+        np.zeros(1500), DT, {}), seed=11).error[0]
+    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise",
+                                                       sigma_v=(0.5, 2.0))])
+    assert d.verdict == effect
+    (found,) = d.found
+    assert found.variant == variant and (not variant or found.share > 0.8)
+    for symbol, (mean, sd) in found.values.items():
+        assert abs(mean - values[symbol]) < 4.0 * sd, symbol
+    (saved,) = sensorlab.augmented(d).effects[0]
+    assert (saved.name, saved.variant) == (effect, variant)
 
 
 def test_a_wrong_parameter_is_named_with_its_factor():

@@ -135,6 +135,7 @@ def test_simulated_noises_have_the_variance_that_is_written():
     y = drawn("bandwidth", tau=3.0)
     a = np.exp(-1 / 3)
     assert_allclose(y.var(), (1 - a) / (1 + a), rtol=0.05)
+    assert drawn("narrow_band_noise", frequency=0.02, tau=5.0, sigma=9.0).var() < 1.1
     y = drawn("narrow_band_noise", frequency=0.2, tau=5.0, sigma=2.0)
     seen = [np.mean(y[k:] * y[:len(y) - k]) for k in (0, 2, 5)]
     assert_allclose(seen, [5.0, 4.0 * np.exp(-0.4) * np.cos(0.8 * np.pi),

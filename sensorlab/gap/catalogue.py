@@ -144,7 +144,9 @@ def _bandwidth(scene, filt, tau, variant=""):
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
-    pole = np.exp(-scene.dt / tau * np.exp(0.25j * np.pi))
+    decay = scene.dt / tau / np.sqrt(2.0)
+    # poles beyond a fourth of a turn would let pass what is fast, and stop the rest
+    pole = np.exp(-decay + 1j * min(decay, 0.5 * np.pi))
     first, second = 2.0 * pole.real, -abs(pole)**2
     gain = (1.0 - first - second) * white
     variance = (1.0 - second) * gain**2 / (
@@ -153,10 +155,15 @@ def _bandwidth(scene, filt, tau, variant=""):
                        variance * toeplitz([1.0, first / (1.0 - second)]))
 
 
+MIN_TURN = 2.0    # radians in the correlation time of a band: with fewer its width is
+                  # more than its frequency, and it is a Markov process
+
+
 def _narrow_band(scene, filt, frequency, tau, sigma):
     """A vector that turns and shrinks, driven evenly in all directions: one of its two
     components has the covariance sigma^2 exp(-|t| / tau) cos(2 pi frequency t).
     """
+    sigma = sigma * (2.0 * np.pi * frequency * tau >= MIN_TURN)
     turn, a = 2.0 * np.pi * frequency * scene.dt, np.exp(-scene.dt / tau)
     c, s = a * np.cos(turn), a * np.sin(turn)
     return _with_block(filt, [[c, -s], [s, c]],
@@ -410,7 +417,8 @@ CATALOGUE = {effect.name: effect for effect in (
                                  _log("tau", 2.0 * s.dt, s.duration / 10),
                                  _log("sigma", 0.03 * s.white, _spread(s))),
            equation="y + a process of covariance sigma^2 exp(-|t| / tau) "
-                    "cos(2 pi frequency t); frequency in Hz, tau in s, sigma in u",
+                    "cos(2 pi frequency t), 0 where 2 pi frequency tau < 2; frequency "
+                    "in Hz, tau in s, sigma in u",
            resembles="sinusoid where tau is long, correlated noise where it is short",
            experiment="damp vibration; an alias moves with the sampling rate"),
     Effect("bandwidth", model=_bandwidth, search="spectrum",
@@ -459,8 +467,8 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="quantization",
            experiment="compare the counters of sensor and logger"),
     Effect("repeated_samples", reading=repeat,
-           equation="y is what the sensor gave last, which samples at rate, in Hz, below "
-                    "that of the record; phase in its samples at the first",
+           equation="y is what the sensor gave last, which samples at rate, in Hz, "
+                    "below that of the record; phase in its samples at the first",
            resembles="stuck samples, quantization",
            experiment="compare the counters of sensor and logger, poll faster"),
     Effect("wrong_parameter", factor=1000.0,

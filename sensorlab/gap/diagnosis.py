@@ -288,7 +288,8 @@ def _alike(own, seen):
     """Is a reading of the simulator that of the record? Where samples stick or begin to
     repeat may differ.
     """
-    return all(symbol in ("spans", "phase") or np.allclose(value, seen[symbol], rtol=ALIKE)
+    return all(symbol in ("spans", "phase")
+               or np.allclose(value, seen[symbol], rtol=ALIKE)
                for symbol, value in own.items())
 
 

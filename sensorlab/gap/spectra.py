@@ -11,6 +11,7 @@ from numba import njit
 from scipy.special import logsumexp
 
 from sensorid import at_quantiles, brief
+from sensorlab.gap.catalogue import MIN_TURN
 from sensorlab.gap.filters import predict, processes
 from sensorlab.gap.kernels import KERNEL, in_threads
 
@@ -130,6 +131,7 @@ def _with_law(richer, scene, seen):
     taus = _nodes(tau, TAU_STEP)
     for value in taus:
         gain = _band_gains(seen, scene.dt, value, variance)
+        gain[2.0 * np.pi * seen.frequency * value < MIN_TURN] = 0.0
         total = np.logaddexp(total, gain - np.log(len(taus)))
     middle = frequency.low + (frequency.high - frequency.low) * (
         np.arange(len(total)) + 0.5) / len(total)
