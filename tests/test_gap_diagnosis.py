@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sensorid
 import sensorlab
 from sensorlab import Found, Scene
-from sensorlab.gap import account, causes, diagnosis
+from sensorlab.gap import account, causes, diagnosis, effects
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
 
@@ -143,6 +143,30 @@ def test_a_colour_is_named(effect, variant, values):
         assert abs(mean - values[symbol]) < 4.0 * sd, symbol
     (saved,) = sensorlab.augmented(d).effects[0]
     assert (saved.name, saved.variant) == (effect, variant)
+
+
+def test_two_bands_are_two_and_stay_two_in_a_file(tmp_path):
+    truth = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    bands = [Found(EFFECTS["narrow_band_noise"], values=account.fixed(
+        frequency=f, tau=25.0, sigma=0.5)) for f in (0.07, 0.31)]
+    simulator = sensorlab.Simulator((truth,), (tuple(bands),))
+    y = sensorlab.simulate_effects(simulator, Scene(np.zeros(1500), DT, {}),
+                                   seed=5).error[0]
+    (h,) = effects.members(simulator, Scene(y, DT, {}))
+    assert [key for key, _ in h.keys[1::3]] == ["narrow_band_noise",
+                                                "narrow_band_noise_2"]
+    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise",
+                                                       sigma_v=(0.5, 2.0))])
+    assert d.verdict == "narrow_band_noise+narrow_band_noise"
+    found = sorted(one.values["frequency"] for one in d.found)
+    for (mean, sd), f in zip(found, (0.07, 0.31)):
+        assert abs(mean - f) < 4.0 * sd
+    assert all(part.share > 0.1 for part in d.parts)
+    (tmp_path / "m.json").write_text(sensorlab.model_text(sensorlab.Model(
+        DT, "u", sensorlab.augmented(d))))
+    saved = sensorlab.read_model(tmp_path / "m.json").simulator
+    assert len(saved.effects[0]) == 2
+    assert sensorlab.diagnose(y, DT, saved).verdict in ("none", "undecided")
 
 
 def test_a_wrong_parameter_is_named_with_its_factor():

@@ -136,7 +136,7 @@ def as_simulated(acc, scene, theta, widths=None):
     for one in acc.member.effects:
         if one.effect.factor:    # what makes a bias larger is in the base already
             h = h._replace(bias_sigma=base.bias_sigma * min(
-                acc.member.value(theta, one.name, "factor"), 1.0))
+                acc.member.value(theta, one.key, "factor"), 1.0))
     inside = [one._replace(values=fixed(**acc.member.of(one, scaled)))
               for one in acc.member.effects
               if not (one.effect.reading or one.effect.factor)]

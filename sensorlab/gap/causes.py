@@ -167,7 +167,8 @@ def _with_filters(scene, plain, acc, reference, effects, processes):
             new = account(at, acc.bases, richer, acc.signatures, acc.readings, start,
                           start.log_evidence + HOPELESS_NATS)
             yield _Rival(effect, "", _log_bayes(new, start), account=new,
-                         values=_values(effect, new), variant=variant)
+                         values=_values(new.member.effects[-1], new),
+                         variant=variant)
 
 
 def _promising(scene, acc, richer):
@@ -192,15 +193,16 @@ def _log_bayes(new, old):
                new.peak - old.peak - max(more, 1))
 
 
-def _values(effect, acc):
-    """Mean and standard deviation of an effect's parameters over all hypotheses."""
+def _values(own, acc):
+    """Mean and standard deviation of the parameters of one of the effects inside the
+    filters of an account, over all hypotheses.
+    """
     share = probabilities([s.log_evidence[0] for s in acc.samples])
     result = {}
-    own = next(one for one in acc.member.effects if one.name == effect.name)
     for symbol in own.values:
         first = second = 0.0
         for h, sample, part in zip(acc.hypotheses, acc.samples, share):
-            value = h.value(sample.theta, effect.name, symbol)
+            value = h.value(sample.theta, own.key, symbol)
             first += part * sample.weight @ value
             second += part * sample.weight @ value**2
         result[symbol] = float(first), float(np.sqrt(max(second - first**2, 0.0)))
@@ -258,7 +260,7 @@ def estimated_together(full, acc, path):
     theta = acc.member.matching(hypotheses[acc.best], acc.theta)[None]
     solved = solve(hypotheses[acc.best], plain, acc.signatures, theta)
     ends = 1 + np.cumsum([0, *(s.columns.shape[1] for s in acc.signatures)])
-    for one in path.found:
+    for number, one in enumerate(path.found):
         if one.effect.columns:
             own, at = slice(ends[at], ends[at + 1]), at + 1
             size, sd = solved.size[0, own], np.sqrt(np.diag(solved.cov[0])[own])
@@ -269,9 +271,17 @@ def estimated_together(full, acc, path):
             symbol = one.values["parameter"][0]
             values = dict(factor=_factor(symbol, acc.bases, acc))
         else:
-            values = {} if one.effect.reading else _values(one.effect, acc)
+            values = {} if one.effect.reading else _values(
+                _inside(acc, path.found, number), acc)
         result.append(one._replace(values={**one.values, **values}))
     return path._replace(found=tuple(result))
+
+
+def _inside(acc, found, number):
+    """Effect `number` of those found, as it is inside the filters of an account."""
+    name = found[number].name
+    later = sum(one.name == name and not _is_single(one) for one in found[number + 1:])
+    return [one for one in acc.member.effects if one.name == name][-1 - later]
 
 
 def without(full, acc, found, number):
@@ -291,8 +301,9 @@ def without(full, acc, found, number):
             for p, old in zip(h.hypothesis.parameters, base.hypothesis.parameters))))
             for h, base in zip(hypotheses, acc.bases)]
     else:
+        key = one.name if one.effect.reading else _inside(acc, found, number).key
         hypotheses = [h._replace(effects=tuple(
-            e for e in h.effects if e.name != one.name)) for h in hypotheses]
+            e for e in h.effects if e.key != key)) for h in hypotheses]
     return account(as_read(full, readings), acc.bases, hypotheses, signatures, readings)
 
 
@@ -300,8 +311,10 @@ MOST_STATES = 6    # of a shaping filter
 
 
 def _has_room(effect, acc):
-    """Is there room for a process or jumps that are not there yet?"""
-    if any(one.effect.name == effect.name for one in acc.member.effects) or any(
+    """Is there room for a process or jumps that are not there yet? Bands may be several.
+    """
+    if effect.search != "band" and any(
+            one.name == effect.name for one in acc.member.effects) or any(
             effect.name == h.hypothesis.model.__name__ for h in acc.hypotheses):
         return False
     richer = [h.with_effect(effect) for h in acc.hypotheses]
@@ -353,7 +366,7 @@ def _with_wrong_scale(scene, acc, effect):
         effect, values=dict(factor=factor)))) for h in acc.hypotheses], acc.signatures,
         acc.readings, acc)
     yield _Rival(effect, ALL, _log_bayes(scaled, acc), account=scaled,
-                 values=dict(parameter=(ALL, 0.0), **_values(effect, scaled)))
+                 values=dict(parameter=(ALL, 0.0), **_values(scaled.member.effects[-1], scaled)))
 
 
 class Beyond(NamedTuple):
