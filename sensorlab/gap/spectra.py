@@ -93,7 +93,7 @@ def promise(h, richer, scene, signatures, theta):
 
 BINS = 256     # of frequency, in which the spectrum of a process is smooth
 NODES = 24     # of the only parameter of a process
-NODES_OF_TWO = 15    # of each of two
+NODES_OF_TWO = 9    # of each of two
 
 
 def _binned(seen):
