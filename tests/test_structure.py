@@ -56,10 +56,10 @@ def test_a_section_calls_only_sections_above_it(end):
 
 ROOMS = {    # of the laboratory; each takes only from those before it
     "sensorlab/gap": ["effects", "catalogue", "kernels", "filters", "evidence",
-                      "spectra", "signatures", "readings", "account", "causes",
-                      "places", "distance", "closure", "drift", "twins", "flexible",
-                      "search", "remainder", "verdict", "diagnosis", "blackbox",
-                      "report"],
+                      "screens", "spectra", "signatures", "scans", "readings",
+                      "account", "directed", "causes", "places", "distance", "closure",
+                      "drift", "twins", "flexible", "search", "remainder", "verdict",
+                      "diagnosis", "blackbox", "report"],
     "sensorlab/readers": ["clocks", "channels", "messages", "arrays", "text", "objects",
                           "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],
     "sensorlab": ["printable", "gap", "rivals", "planning", "readers", "units",
