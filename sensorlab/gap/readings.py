@@ -97,6 +97,7 @@ CERTAIN = 15.0     # nats that their pattern must gain
 REGULAR = 0.75     # of the samples that a rate repeats are equal, if it is one: which
                    # is repeated where both meet may be chance
 HARMONICS = 3      # of the rate that the largest line may be
+FINE = 20          # parts of the arc to which a rate is found over the record
 
 
 def _own_rate(y):
@@ -116,8 +117,9 @@ def _own_rate(y):
     if power.max() < CERTAIN + np.log(N):
         return None
     top = (4 + power.argmax()) / (4.0 * N)
-    rate = max((_nearest(ties, r, N) for k in range(1, HARMONICS + 1)
+    rate = max((_nearest(ties, r, N, 0.5, 21) for k in range(1, HARMONICS + 1)
                 for r in (top / k, 1.0 - top / k)))[1]
+    _, rate = _nearest(ties, rate, N, 0.1, FINE * min(int(1.0 / (1.0 - rate)), FINE))
     middle = _middle(ties, rate)
     away = (rate * np.arange(N) - middle + 0.5) % 1.0 - 0.5
     arc = np.abs(away) < 0.5 * (1.0 - rate)
@@ -144,12 +146,11 @@ def _middle(ties, rate):
     return np.angle(np.exp(2j * np.pi * rate * ties).sum()) / (2.0 * np.pi)
 
 
-def _nearest(ties, rate, N):
-    """By how much more ties than other samples lie in the arc of a rate near one that
-    is known to half a turn in N samples, and that rate.
+def _nearest(ties, rate, N, reach, count):
+    """By how much more ties than other samples lie in the arc of the best of so many
+    rates, so many turns in N samples about one; and the middle of the best rates.
     """
-    fine = int(10.0 / (1.0 - rate)) + 10
-    rates = rate + np.linspace(-0.5, 0.5, 2 * min(fine, N) + 1) / N
+    rates = rate + np.linspace(-reach, reach, count) / N
     inside = np.array([np.sum(np.abs((r * ties - _middle(ties, r) + 0.5) % 1.0 - 0.5)
                               < 0.5 * (1.0 - r)) for r in rates])
     score = 2.0 * inside - N * (1.0 - rates)
