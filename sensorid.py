@@ -1153,7 +1153,7 @@ def _sums_modal(b, y, observed, stretches):
     (nodes, n), records = b.m0.shape, len(y)
     y = np.vstack([y, np.ones(y.shape[1])])
     own = modes(b)
-    a, q, r, P = (_abreast(part) for part in (own.a, own.q, own.r, b.P0))
+    a, q, r, P = (_abreast(part) for part in (own.a, own.q, own.r, b.P0.copy()))
     x = np.zeros((len(a), records + 1, n, GROUP))
     sums = np.zeros((len(a), records + 1, 2, GROUP))
     for begin, end, _ in stretches:
