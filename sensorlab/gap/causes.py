@@ -319,7 +319,8 @@ MOST_STATES = 6    # of a shaping filter
 
 
 def _has_room(effect, acc):
-    """Is there room for a process or jumps that are not there yet? Bands may be several.
+    """Is there room for a process or jumps that are not there yet? There may be several
+    bands.
     """
     if effect.search != "band" and any(
             one.name == effect.name for one in acc.member.effects) or any(
@@ -374,7 +375,8 @@ def _with_wrong_scale(scene, acc, effect):
         effect, values=dict(factor=factor)))) for h in acc.hypotheses], acc.signatures,
         acc.readings, acc)
     yield _Rival(effect, ALL, _log_bayes(scaled, acc), account=scaled,
-                 values=dict(parameter=(ALL, 0.0), **_values(scaled.member.effects[-1], scaled)))
+                 values=dict(parameter=(ALL, 0.0),
+                             **_values(scaled.member.effects[-1], scaled)))
 
 
 class Beyond(NamedTuple):
