@@ -152,6 +152,9 @@ def _bias_instability(scene, filt, sigma):
     return beside(filt, np.exp(-scene.dt / taus), sigma * part)
 
 
+NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at zero
+
+
 def _bandwidth(scene, filt, tau, variant=""):
     """The white noise passes a low-pass of unit gain at rest, of first order or of
     second (Butterworth).
@@ -160,7 +163,7 @@ def _bandwidth(scene, filt, tau, variant=""):
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
-    decay = scene.dt / tau / np.sqrt(2.0)
+    decay = min(scene.dt / tau / np.sqrt(2.0), NO_MEMORY)
     # poles beyond a fourth of a turn would let pass what is fast, and stop the rest
     pole = np.exp(-decay + 1j * min(decay, 0.5 * np.pi))
     first, second = 2.0 * pole.real, -abs(pole)**2
@@ -195,7 +198,7 @@ def _blue_noise(scene, filt, tau, sigma):
     """A Markov process less what it was a sample before: white noise through a
     first-order high-pass.
     """
-    a = np.exp(-scene.dt / tau)
+    a = np.exp(-min(scene.dt / tau, NO_MEMORY))
     difference = sigma / np.sqrt(2.0 * (1.0 - a))
     return _with_block(filt, [[a, 0.0], [1.0, 0.0]], [[np.sqrt(1.0 - a**2)], [0.0]],
                        [difference, -difference], _correlated(a))

@@ -114,7 +114,8 @@ def _log_bayes(richer, scene, seen, theta):
     total = seen.count.sum()
     gain = -total * np.log((seen.power / ratio) @ seen.count / total) - (
         np.log(ratio) @ seen.count)
-    return logsumexp(gain) - np.log(len(gain))
+    # as for an account, no more than by Akaike's correction
+    return min(logsumexp(gain) - np.log(len(gain)), gain.max() - len(own))
 
 
 TAU_STEP, SIGMA_STEP = 2.5, 2.0    # ratio of one node of a band to the next
