@@ -31,8 +31,8 @@ END = dict(type=["number", "null"])
 # what readings take
 READINGS = dict(
     lsb=dict(type="number", **POSITIVE),
-    rate=dict(type="number", **POSITIVE),
-    phase=dict(type="number", minimum=0, maximum=1),
+    frequency=dict(type="number", **POSITIVE),
+    phase=dict(type="number", **NOT_NEGATIVE),
     limits=dict(type="array", items=END, minItems=2, maxItems=2),
     spans=dict(type="array", items=dict(
         type="array", minItems=2, maxItems=2,

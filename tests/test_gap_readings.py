@@ -52,7 +52,7 @@ def test_a_sensor_that_is_polled_too_fast_has_its_rate_read(rate, lsb):
     one, *others = readings.readings(scene)
     assert one.found.name == "repeated_samples"
     assert [r.found.name for r in others] == ["quantization"] * (lsb > 0)
-    assert one.found.values["rate"] == pytest.approx(100.0 * rate, rel=1e-3)
+    assert one.found.values["frequency"] == pytest.approx(100.0 * rate, rel=1e-3)
     expected = np.append(False, np.diff(np.floor(rate * np.arange(3000) + 0.3)) == 0)
     assert np.mean(one.masked != expected) < 0.005
     again = y.copy()    # the simulator repeats as the record does
@@ -75,7 +75,7 @@ def test_uneven_polling_shows_a_rate_but_ties_without_pattern_none():
     at = np.floor(0.67 * (np.arange(4000) + rng.uniform(-0.1, 0.1, 4000)) + 0.5)
     (one,) = readings.readings(Scene(y[np.unique(at, return_index=True)[1]][
         np.searchsorted(np.unique(at), at)], DT, {}))
-    assert one.found.values["rate"] == pytest.approx(0.67, rel=1e-3)
+    assert one.found.values["frequency"] == pytest.approx(0.67, rel=1e-3)
     held = y.copy()
     for i in rng.choice(np.arange(1, 4000), 400, replace=False):
         held[i] = held[i - 1]

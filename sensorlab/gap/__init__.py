@@ -37,5 +37,5 @@ Notation
 The files read in the order of the argument; each takes only from those before it:
 effects, catalogue, kernels, filters, evidence, screens, spectra, signatures, scans,
 readings, account, directed, causes, places, distance, closure, drift, twins, flexible,
-search, remainder, verdict, diagnosis, blackbox, report.
+search, remainder, verdict, diagnosis, blackbox, sizes, words, report, curves.
 """

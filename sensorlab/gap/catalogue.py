@@ -248,9 +248,9 @@ def _stick(scene, y, spans):
         y[..., first:first + int(length)] = y[..., first:first + 1]
 
 
-def repeat(scene, y, rate, phase):
+def repeat(scene, y, frequency, phase):
     """Every sample becomes the last that a sensor of a rate of its own has given."""
-    number = np.floor(rate * scene.time + phase)
+    number = np.floor(frequency * scene.time + phase / (2.0 * np.pi))
     y[:] = y[..., np.searchsorted(number, number)]
 
 
@@ -490,8 +490,8 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="quantization",
            experiment="compare the counters of sensor and logger"),
     Effect("repeated_samples", reading=repeat,
-           equation="y is what the sensor gave last, which samples at rate, in Hz, "
-                    "below that of the record; phase in its samples at the first",
+           equation="y is what the sensor gave last, which samples at frequency, in "
+                    "Hz, below that of the record; phase, in rad, at the first",
            resembles="stuck samples, quantization",
            experiment="compare the counters of sensor and logger, poll faster"),
     Effect("wrong_parameter", factor=1000.0,

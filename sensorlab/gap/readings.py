@@ -43,8 +43,8 @@ def readings(scene):
     own = _own_rate(y)
     if own:
         rate, phase, repeated = own
-        seen.append(Reading(_found("repeated_samples", rate=rate / scene.dt,
-                                   phase=phase),
+        seen.append(Reading(_found("repeated_samples", frequency=rate / scene.dt,
+                                   phase=2.0 * np.pi * phase),
                             COINCIDENCE * float(repeated.sum()), repeated, False))
         y = np.where(repeated, np.nan, y)
     lsb, noise = lattice_and_noise(y)
