@@ -152,7 +152,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify r.npz --json a.json --save-model ./a.json", "is named twice"),
     ("identify r.npz --hypotheses markov,markov", "named twice"),
     ("identify r.npz --hypotheses=", "unknown hypothesis"),
-    ("identify .", "no such file, but a folder"),
+    ("simulate m.json --like . --out s.npz", "no such file, but a folder"),
     ("criteria m.json --duration 1e300", "record less"),
     ("criteria m.json --duration 50 --checkpoint m.json", "a folder is needed"),
     ("simulate m.json --samples 99999999 --records 999 --out s.npz",

@@ -59,11 +59,13 @@ ROOMS = {    # of the laboratory; each takes only from those before it
                       "signatures", "readings", "account", "causes", "places",
                       "distance", "closure", "drift", "twins", "flexible", "search",
                       "remainder", "verdict", "diagnosis", "blackbox", "report"],
-    "sensorlab/readers": ["clocks", "channels", "messages", "arrays", "text", "objects",
+    "sensorlab/readers": ["clocks", "channels", "axes", "covariates", "messages",
+                          "arrays", "text", "objects",
                           "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],
     "sensorlab": ["printable", "gap", "rivals", "planning", "readers", "units",
                   "foreign", "modelschema", "modelfiles", "exports", "drawings",
-                  "commands"]}
+                  "several", "commands"],
+    "sensorlab/several": ["pool", "common", "work", "tables", "picture"]}
 
 
 def imported(file):

@@ -1,0 +1,146 @@
+"""Rows of many records as a DataFrame and as a table for people."""
+
+import os
+import pathlib
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+WIDTH = 100    # characters, where nobody says how many there are
+
+
+def names(rows):
+    """A short name for every row: what tells it from the others."""
+    files, columns = [r.file for r in rows], {r.column for r in rows}
+    stems = {f: pathlib.Path(f).stem for f in files}
+    if len(set(stems.values())) < len(stems):
+        stems = {f: f for f in files}
+    if len(stems) == 1:
+        return [r.column for r in rows]
+    return [stems[r.file] if len(columns) == 1 else f"{stems[r.file]}:{r.column}"
+            for r in rows]
+
+
+def frame(rows):
+    """A DataFrame: a line for every row, its problem last."""
+    import pandas
+    table = pandas.DataFrame([_line(row) for row in rows])
+    return table[[*table.columns.drop("problem"), "problem"]]
+
+
+def _line(row):
+    if not row.answer:
+        return dict(file=row.file, column=row.column, unit=row.unit, problem=row.problem)
+    a = row.answer
+    line = dict(a["record"], unit=row.unit)
+    if "verdict" in a:
+        gap, first = a["gap"], a["causes"][0]
+        low, high = gap["closed_interval"]
+        line |= dict(
+            verdict=a["verdict"], probability=first["probability"],
+            p_value=gap["p_value"], before=gap["before"], after=gap["after"],
+            closed=gap["closed"], closed_low=low, closed_high=high,
+            remainder=gap["remainder"]["share"], found=_sizes(a["found"]),
+            needed_duration=a["needed_duration"])
+    else:
+        best = _best(a)
+        line |= dict(decision=a["decision"], hypothesis=best["name"],
+                     probability=best["probability"], described=a["described"])
+        for symbol, value in best["parameters"].items():
+            line |= {symbol: value["mean"], f"{symbol}_sd": value["sd"]}
+        for q in a["quoted"]:
+            label = f"{q['name']} [{q['unit']}]"
+            line |= {label: q["mean"], f"{label} sd": q["sd"]}
+    return dict(line, problem=row.problem)
+
+
+def _best(answer):
+    return max(answer["hypotheses"], key=lambda h: h["probability"])
+
+
+def _sizes(found):
+    return "; ".join(" ".join(filter(None, (
+        one["effect"], one["column"] and f"({one['column']})", _values(
+            one["parameters"])))) for one in found)
+
+
+def _values(parameters):
+    """Parameters of JSON as text."""
+    return ", ".join(f"{symbol} {_number(value['mean'], value['sd'])}"
+                     for symbol, value in parameters.items())
+
+
+def _number(mean, sd=None):
+    if isinstance(mean, list):
+        return str(mean) if len(mean) <= 2 else f"{len(mean)} of them"
+    if isinstance(mean, str) or mean is None:
+        return str(mean)
+    return f"{mean:.4g}" + (f" +- {sd:.2g}" if sd else "")
+
+
+def show(several):
+    """Print the table of rows and what they have in common."""
+    rows, width = several.rows, None if _terminal() else WIDTH
+    console, called = Console(width=width, highlight=False), names(several.rows)
+    for line in _headings(rows, called):
+        console.print(escape(line))
+    diagnosed = any("verdict" in r.answer for r in rows)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    heads = (("record", "verdict", "gap, sd", "closed", "left", "found")
+             if diagnosed else
+             ("record", "hypothesis", "probability", "parameters"))
+    for head in heads:
+        number = head in ("gap, sd", "closed", "left", "probability")
+        table.add_column(head, justify="right" if number else "left",
+                         no_wrap=number or head == "record", overflow="fold")
+    for name, row in zip(called, rows):
+        cells = (("no answer", *[""] * (len(heads) - 3), row.problem) if row.problem
+                 else _diagnosed_cells(row) if diagnosed else _identified_cells(row))
+        table.add_row(*map(escape, (name, *cells)))
+    console.print(table)
+    for c in several.common:
+        console.print(escape(
+            f"common to {_brief([called[n] for n in c.records])}: " + " ".join(
+                filter(None, (c.effect, c.column and f"({c.column})",
+                              _values(c.parameters))))))
+
+
+def _terminal():
+    import sys
+    return sys.stdout is not None and sys.stdout.isatty() or "COLUMNS" in os.environ
+
+
+def _headings(rows, called):
+    """Clock and covariates, once for all records that have the same."""
+    groups = {}
+    for name, row in zip(called, rows):
+        if not row.problem:
+            groups.setdefault((row.answer["record"]["samples"], row.heard), []).append(
+                name)
+    for (samples, heard), own in groups.items():
+        yield f"{_brief(own)}: {samples} samples, {heard}"
+
+
+def _brief(some, most=6):
+    return ", ".join(some[:most]) + (
+        f", ... {some[-1]} ({len(some)} in all)" if len(some) > most else "")
+
+
+def _diagnosed_cells(row):
+    a = row.answer
+    gap = a["gap"]
+
+    def share(x):
+        return "" if x is None else f"{100 * x:.0f} %"
+    return (a["verdict"], _number(gap["before"]), share(gap["closed"]),
+            share(gap["remainder"]["share"]), _sizes(a["found"]))
+
+
+def _identified_cells(row):
+    a, best = row.answer, _best(row.answer)
+    quotes = "; ".join(f"{q['name']} {_number(q['mean'], q['sd'])} {q['unit']}"
+                       for q in a["quoted"])
+    return (best["name"], f"{best['probability']:.3f}",
+            (quotes or _values(best["parameters"]))
+            + "; does not describe the record" * (not a["described"]))
