@@ -62,8 +62,9 @@ def believed(rows):
 
 
 def inside(row):
-    """Does what was found lie in the band that was foretold?"""
-    return row["foretold"][0] <= row["found"] <= row["foretold"][2]
+    """Does what was found lie in the band that was foretold, to a hundredth of it?"""
+    low, _, high = row["foretold"]
+    return 0.99 * low <= row["found"] <= 1.01 * high
 
 
 def table(result):

@@ -20,7 +20,8 @@ import importlib
 _HOME = dict(
     ALGORITHMS="rivals", estimation_bound="rivals",
     diagnose_many="several", identify_many="several",
-    read="readers", read_axes="readers", Recording="readers", Record="readers", read_record="readers",
+    read="readers", read_axes="readers", Recording="readers", Record="readers",
+    read_record="readers",
     Model="modelfiles", read_model="modelfiles", model_text="modelfiles",
     simulator_from="gap.blackbox",
     CATALOGUE="gap.catalogue", Effect="gap.effects", Found="gap.effects",

@@ -152,8 +152,8 @@ def _relative(mean, covariance):
 
 
 def _drawn(e, trials, seed):
-    """Hypotheses of known parameters, drawn from the point masses of an estimate, evenly
-    by their cumulative weight.
+    """Hypotheses of known parameters, drawn from the point masses of an estimate:
+    evenly by their cumulative weight.
     """
     rng = np.random.default_rng(seed)
     at = (np.arange(trials) + rng.random()) / trials

@@ -64,8 +64,7 @@ ROOMS = {    # of the laboratory; each takes only from those before it
                           "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],
     "sensorlab": ["printable", "gap", "rivals", "planning", "readers", "units",
                   "foreign", "modelschema", "modelfiles", "exports", "drawings",
-                  "several", "commands"],
-    "sensorlab/several": ["pool", "common", "work", "tables", "picture"]}
+                  "several", "commands"]}
 
 
 def imported(file):

@@ -1,5 +1,6 @@
 """What identify and diagnose do for several records."""
 
+import functools
 import pathlib
 import re
 
@@ -10,7 +11,7 @@ from sensorlab.drawings import save
 from sensorlab.several import many
 from sensorlab.several.picture import draw_several
 from sensorlab.several.pool import cores, workers
-from sensorlab.several.tables import names, show
+from sensorlab.several.tables import names, table
 
 
 def answers(options, calls, usual=None):
@@ -20,7 +21,7 @@ def answers(options, calls, usual=None):
     if options.checkpoint is not None:
         check_folder(options.checkpoint)
     number = min(options.workers or usual or cores(), len(calls))
-    with workers(number, forgive) as executor:
+    with workers(number, functools.partial(forgive, silent=True)) as executor:
         return many(calls, executor, options.checkpoint, progress_bar)
 
 
@@ -69,7 +70,7 @@ def write_picture(plt, file, several):
 
 def conclude(several):
     """Print the table; refuse in the end if a record gave no answer."""
-    show(several)
+    print(table(several))
     bad = [name for name, row in zip(names(several.rows), several.rows) if row.problem]
     if bad:
         raise ValueError(f"{len(bad)} of {len(several.rows)} records gave no answer: "

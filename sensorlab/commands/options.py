@@ -322,9 +322,9 @@ def _unit_options(parser):
 
 def _several_options(parser):
     parser.add_argument("--workers", type=_count, metavar="N",
-                        help="processes that share several records (default: of "
-                             "diagnose one for every core, of identify one, as a record "
-                             "uses all); the result does not depend on it")
+                        help="processes that share several records (default: for "
+                             "diagnose one a core, for identify one, as a record uses "
+                             "all cores); the result does not depend on it")
     parser.add_argument("--checkpoint", type=_file, metavar="FOLDER",
                         help="keep the answers of finished records there; the same "
                              "command takes up an interrupted run")

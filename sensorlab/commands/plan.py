@@ -23,7 +23,10 @@ def run(options):
                          "give one of them")
     check_outputs([*options.records, options.model], options.json, plot=options.plot)
     plt = matplotlib_for_files() if options.plot else None
-    (record,) = read_each(options, model)
+    records = read_each(options, model)
+    if len(records) > 1:
+        raise ValueError(f"plan takes one channel at a time, not {len(records)}")
+    (record,) = records
     now = record.dt * len(record.error)
     duration = AHEAD * now if options.duration is None else options.duration
     hypotheses = _hypotheses(options, model, record, duration / now)
@@ -88,8 +91,8 @@ def _show(record, duration, outlooks, lengths, options):
 
 def _sentence(one, own, limit):
     symbol, name = one.label.rpartition(".")[2], one.label.rpartition(".")[0]
-    start = (f"if it is a {name} (probability {own.probability:.2f}), {symbol} is known "
-             f"to {100 * own.now:.3g} % now")
+    start = (f"if it is a {name} (probability {own.probability:.2f}), {symbol} is "
+             f"known to {100 * own.now:.3g} % now")
 
     def time(t):
         return f"{t:.4g} s" if np.isfinite(t) else f"more than {limit:g} s"
@@ -99,8 +102,8 @@ def _sentence(one, own, limit):
     if np.isfinite(one.duration):
         return (f"{start} and to {100 * one.target:g} % after {time(one.duration)} "
                 f"[{low}, {high}]")
-    return (f"{start}; {100 * one.target:g} % is not within {limit:g} s [{low}, {high}]:"
-            f" there it is {100 * one.reached[1]:.3g} % "
+    return (f"{start}; {100 * one.target:g} % is not within {limit:g} s "
+            f"[{low}, {high}]: there it is {100 * one.reached[1]:.3g} % "
             f"[{100 * one.reached[0]:.3g}, {100 * one.reached[2]:.3g}]")
 
 
@@ -123,9 +126,10 @@ def draw_outlook(plt, outlooks, lengths):
         ax.set_title(f"{one.label}, probability {one.probability:.2f}",
                      fontsize="small")
         ax.grid(True, which="both", alpha=0.3)
-        ax.yaxis.set_major_formatter("{x:g}")
-        ax.yaxis.get_major_locator().set_params(subs=(1.0, 2.0, 5.0))
-        ax.yaxis.set_minor_formatter("")
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_formatter("{x:g}")
+            axis.get_major_locator().set_params(subs=(1.0, 2.0, 5.0))
+            axis.set_minor_formatter("")
     for ax in axes[-1]:
         ax.set_xlabel("record length, s")
     for ax in axes[:, 0]:

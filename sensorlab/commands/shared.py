@@ -11,7 +11,8 @@ import numpy as np
 from sensorid import write_whole
 from sensorlab.commands.cache import forgive
 from sensorlab.gap.report import finite
-from sensorlab.readers import Unread, read as read_source, read_axes, read_rows
+from sensorlab.readers import (
+    Unread, plain_name, read as read_source, read_axes, read_rows)
 from sensorlab.units import check_report, factor, fits, kind_of, quoted
 
 
@@ -42,8 +43,9 @@ def read_each(options, model=None, beside=()):
     found, sources = [], _sources(options.records)
     for source in sources:
         try:
-            found += read_axes(source, options.column, _interval(options, source, model),
-                               options.resample, options.allow_missing, beside)
+            found += read_axes(
+                source, options.column, _interval(options, source, model),
+                options.resample, options.allow_missing, beside)
         except (ValueError, OSError) as problem:
             found.append(Unread(source, options.column, str(problem)))
     for number, one in enumerate(found):
@@ -52,8 +54,9 @@ def read_each(options, model=None, beside=()):
                 found[number] = in_unit(_as_asked(one, options, model), options, model)
             except (ValueError, OSError) as problem:
                 found[number] = Unread(one.file, one.column, str(problem))
-    if len(found) == 1 and isinstance(found[0], Unread):
-        raise ValueError(found[0].problem)
+    problems = {getattr(one, "problem", None) for one in found}
+    if len(problems) == 1 and None not in problems:    # nothing else to be said
+        raise ValueError(*problems)
     return found
 
 
@@ -159,8 +162,8 @@ def _of_kind(values, option, record, options):
     for kind, known in (("gyroscope", GYRO), ("accelerometer", ACCEL)):
         if known.search(record.column):
             return values[kinds.index(kind)]
-    raise ValueError(f"{record.column} may be a gyroscope or an accelerometer: give one "
-                     f"--{option}")
+    raise ValueError(f"{record.column} may be a gyroscope or an accelerometer: give "
+                     f"one --{option}")
 
 
 def in_unit(record, options, model=None):
@@ -170,7 +173,8 @@ def in_unit(record, options, model=None):
     """
     times = _of_kind(options.scale, "scale", record, options)
     if not (np.isfinite(times) and times):
-        raise ValueError(f"--scale is {times:g}: a finite number other than 0 is needed")
+        raise ValueError(f"--scale is {times:g}: a finite number other than 0 is "
+                         "needed")
     given = options.unit and _of_kind(options.unit.split(","), "unit", record, options)
     unit = given or record.unit or "u"
     if model and model.unit != "u":
@@ -242,6 +246,7 @@ def check_outputs(inputs, *outputs, plot=None):
     outputs = [file for file in (*outputs, plot) if file is not None]
     taken = {os.path.realpath(file) for file in inputs if file}
     for file in outputs:
+        refuse_link(file)
         if os.path.realpath(file) in taken:
             raise ValueError(f"{file} is named twice: "
                              "an output must be a file of its own")
@@ -253,8 +258,19 @@ def check_outputs(inputs, *outputs, plot=None):
                              "no such folder, or no right to")
 
 
+def refuse_link(file):
+    """Refuse to write through a link to a file, or to one that may be; devices such as
+    /dev/stdout are linked.
+    """
+    target = os.path.realpath(file)
+    if os.path.islink(file) and (os.path.isfile(target) or not os.path.exists(target)):
+        raise ValueError(f"{file} is a link to {target}: links are not followed, name "
+                         "the file itself")
+
+
 def write_text(file, text):
     """Write a text whole or not at all."""
+    refuse_link(file)
     write_whole(file, lambda stream: stream.write(text.encode()))
 
 
@@ -267,19 +283,20 @@ def simulated_records(options, record):
     """Records (L, N) of the simulator behind --simulated, for a record in the unit of
     that record.
 
-    A column of the same name is a recording of the same kind: what is done to the
-    record is done to it. Rows of `error` are in the unit of the record, if they say no
-    other.
+    A column of the same name is a recording of the same kind: it is averaged and scaled
+    as the record. Rows of `error`, and what says its own unit, are taken as they are.
     """
     rows = read_rows(options.simulated, record.column, options.dt)
-    if rows[0].column == record.column != "error":
-        (row,) = rows
+    recorded = plain_name(rows[0].column) == plain_name(record.column) != "error"
+    if recorded:
         m = options.average
-        rows = [in_unit(_averaged(row, m, slice(0, len(row.error) // m * m)), options)]
+        rows = [_averaged(row, m, slice(0, len(row.error) // m * m)) for row in rows]
     own = rows[0].dt
     if abs(own - record.dt) > 0.01 * record.dt:
         raise ValueError(f"{options.simulated} is sampled at {own:g} s, the record at "
                          f"{record.dt:g} s")
-    known = record.unit != "u"
-    return np.array([row.error * (factor(row.unit, record.unit) if known and row.unit
-                                  else 1.0) for row in rows])
+    if rows[0].unit and record.unit != "u":
+        times = factor(rows[0].unit, record.unit)
+    else:
+        times = _of_kind(options.scale, "scale", record, options) if recorded else 1.0
+    return np.array([times * row.error for row in rows])

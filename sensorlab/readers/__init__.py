@@ -130,13 +130,21 @@ def read_rows(source, channel="error", dt=None):
     """
     origin, groups = _opened(source)
     try:
-        there = any(c.name == channel and c.array != "error" for group in groups
-                    for c in channels.channels(group))
-        rows = ([_channel(groups, channel if there else "error")]
-                if there or _alone(groups) else axes.find_several(groups, "error"))
+        try:
+            rows = [_channel(groups, channel)]
+        except ValueError:
+            rows = []
+        if not rows or rows[0].array == "error":
+            rows = ([_channel(groups, "error")] if _alone(groups) else
+                    axes.find_several(groups, "error"))
         return [_recording(origin, groups, c, dt, False, True, ()) for c in rows]
     except ValueError as problem:
         raise ValueError(f"{origin}: {problem}") from None
+
+
+def plain_name(column):
+    """The name of a column without its unit."""
+    return channels.UNIT.sub("", column)
 
 
 def _channel(groups, wanted):

@@ -4,10 +4,9 @@ their clocks.
 
 import numpy as np
 
-from sensorlab.readers import clocks
 from sensorlab.readers.axes import triads
 from sensorlab.readers.channels import UNIT, channels, find, real
-from sensorlab.readers.clocks import unit_of
+from sensorlab.readers.clocks import since_zero, stamps, unit_of
 
 NAMED = {"temperature", "rate", "acceleration"}    # that effects are looked for by
 UNCOVERED = 0.1    # of a record: a column of another clock that leaves more of it out
@@ -86,9 +85,8 @@ def _of_another(groups, channel, wanted, own):
 
 def _times(channel):
     """When the samples of a channel were taken, s, as its clock counts."""
-    stamps = clocks.stamps(channel.group.arrays, channel.group.clock,
-                           len(channel.values))
-    if not stamps:
+    clock = stamps(channel.group.arrays, channel.group.clock, len(channel.values))
+    if not clock:
         raise ValueError(f"{channel.name} has no clock: columns of other topics are "
                          "taken by their time")
-    return clocks.since_zero(*stamps)
+    return since_zero(*clock)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from sensorid import __version__, fingerprint, write_whole
 from sensorlab.gap.report import finite
 from sensorlab.readers import Recording, Unread, read
-from sensorlab.several.common import Common, common
+from sensorlab.several.common import common
 from sensorlab.several.tables import frame
 from sensorlab.several.work import Row, diagnosed, failed, identified
 

@@ -1,13 +1,14 @@
 """Rows of many records as a DataFrame and as a table for people."""
 
-import os
+import io
 import pathlib
+import shutil
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-WIDTH = 100    # characters, where nobody says how many there are
+WIDTH = 100    # characters, where no terminal says how many there are
 
 
 def names(rows):
@@ -25,13 +26,15 @@ def names(rows):
 def frame(rows):
     """A DataFrame: a line for every row, its problem last."""
     import pandas
-    table = pandas.DataFrame([_line(row) for row in rows])
-    return table[[*table.columns.drop("problem"), "problem"]]
+    result = pandas.DataFrame([_line(row) for row in rows]).astype(
+        dict(samples="Int64"), errors="ignore")
+    return result[[*result.columns.drop("problem"), "problem"]]
 
 
 def _line(row):
     if not row.answer:
-        return dict(file=row.file, column=row.column, unit=row.unit, problem=row.problem)
+        return dict(file=row.file, column=row.column, samples=None, unit=row.unit,
+                    problem=row.problem)
     a = row.answer
     line = dict(a["record"], unit=row.unit)
     if "verdict" in a:
@@ -79,36 +82,32 @@ def _number(mean, sd=None):
     return f"{mean:.4g}" + (f" +- {sd:.2g}" if sd else "")
 
 
-def show(several):
-    """Print the table of rows and what they have in common."""
-    rows, width = several.rows, None if _terminal() else WIDTH
-    console, called = Console(width=width, highlight=False), names(several.rows)
-    for line in _headings(rows, called):
-        console.print(escape(line))
-    diagnosed = any("verdict" in r.answer for r in rows)
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    heads = (("record", "verdict", "gap, sd", "closed", "left", "found")
-             if diagnosed else
-             ("record", "hypothesis", "probability", "parameters"))
+def table(several):
+    """The rows, and what they have in common, as text for people."""
+    rows, called = several.rows, names(several.rows)
+    diagnosed = any("verdict" in row.answer for row in rows)
+    heads = (("record", "verdict", "gap, sd", "closed", "left", "found") if diagnosed
+             else ("record", "hypothesis", "probability", "parameters"))
+    grid = Table(box=None, pad_edge=False)
     for head in heads:
         number = head in ("gap, sd", "closed", "left", "probability")
-        table.add_column(head, justify="right" if number else "left",
-                         no_wrap=number or head == "record", overflow="fold")
+        grid.add_column(head, justify="right" if number else "left", overflow="fold",
+                        no_wrap=number or head == "record")
     for name, row in zip(called, rows):
         cells = (("no answer", *[""] * (len(heads) - 3), row.problem) if row.problem
                  else _diagnosed_cells(row) if diagnosed else _identified_cells(row))
-        table.add_row(*map(escape, (name, *cells)))
-    console.print(table)
-    for c in several.common:
-        console.print(escape(
-            f"common to {_brief([called[n] for n in c.records])}: " + " ".join(
-                filter(None, (c.effect, c.column and f"({c.column})",
-                              _values(c.parameters))))))
+        grid.add_row(*map(escape, (name, *cells)))
+    page = io.StringIO()    # what is printed may fail as any text may, not as rich does
+    Console(file=page, width=shutil.get_terminal_size((WIDTH, 24)).columns).print(grid)
+    return "\n".join([*_headings(rows, called),
+                      *(line.rstrip() for line in page.getvalue().splitlines()),
+                      *(_shared(c, called) for c in several.common)])
 
 
-def _terminal():
-    import sys
-    return sys.stdout is not None and sys.stdout.isatty() or "COLUMNS" in os.environ
+def _shared(c, called):
+    what = c.effect, c.column and f"({c.column})", _values(c.parameters)
+    return (f"common to {_brief([called[n] for n in c.records])}: "
+            + " ".join(filter(None, what)))
 
 
 def _headings(rows, called):
