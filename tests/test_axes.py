@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sensorlab import read, read_axes
-from sensorlab.readers.axes import find_several, triads
+from sensorlab.readers.axes import find_several, vectors
 from sensorlab.readers.channels import Group
 from sensorlab.readers.covariates import beside
 
@@ -20,11 +20,10 @@ def found(groups, wanted):
 
 
 def test_axes_are_named_alike_but_for_the_axis():
-    assert triads(["gx", "gy", "gz", "ax", "ay", "max", "t"]) == [("gx", "gy", "gz")]
-    assert triads(["w_RS_S_x", "w_RS_S_y", "w_RS_S_z"])
-    assert triads(["rollspeed", "pitchspeed", "yawspeed"])
-    assert triads(["q/x", "q/y", "q/z"]) and not triads(["q/x", "q/y", "q/z", "q/w"])
-    assert not triads([f"q[{k}]" for k in range(4)])
+    for names in (["gx", "gy", "gz"], ["w_RS_S_x", "w_RS_S_y", "w_RS_S_z"],
+                  ["rollspeed", "pitchspeed", "yawspeed"],
+                  ["q/x", "q/y", "q/z", "q/w"], [f"q[{k}]" for k in range(4)]):
+        assert vectors(["ax", "ay", "max", *names, "time"]) == [names]
 
 
 def test_all_axes_of_inertial_sensors_are_found():
@@ -65,6 +64,9 @@ def test_other_axes_are_no_covariates_unless_asked_for():
     assert [*asked.columns] == ["ax", "T"] and asked.axes == ()
     whole = read(dict(gyro=Y, rate=Y + 1.0, accel=Y, dt=1.0), "gyro[1]", beside=None)
     assert [*whole.columns] == ["rate"] and whole.axes == ("accel",)
+    turning = dict(IMU, **{f"q/{axis}": Y[0] for axis in "xyzw"})
+    assert [*read(turning, "gy", beside=None).columns] == ["temperature"]
+    assert found([Group(turning)], "all") == ["gx", "gy", "gz", "ax", "ay", "az"]
     # beside an error there are no axes: every column may be its cause
     assert {*read(dict(IMU, error=Y[0]), beside=None).columns} == {*IMU} - {"time"}
 

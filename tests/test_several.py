@@ -187,6 +187,8 @@ def test_records_are_called_by_what_differs():
     def names(*pairs):
         return tables.names([Row(*pair) for pair in pairs])
     assert names(("a.csv", "gx"), ("a.csv", "gy")) == ["gx", "gy"]
+    assert names(("a.bag", "/imu/gyro/x"), ("a.bag", "/imu/acc/x")) == [
+        "gyro/x", "acc/x"]
     assert names(("a.csv", "gx"), ("b.csv", "gx")) == ["a", "b"]
     assert names(("a.csv", "gx"), ("b.csv", "gy")) == ["a:gx", "b:gy"]
     assert names(("1/a.csv", "g"), ("2/a.csv", "g")) == ["1/a.csv", "2/a.csv"]

@@ -197,7 +197,7 @@ def test_the_readmes_commands_run(tmp_path, monkeypatch):
     pathlib.Path("model.json").write_text(model)
     commands = re.findall(r"^python -m sensorid (.*)$", README, re.M)
     assert {c.split()[0] for c in commands} == {
-        "identify", "criteria", "simulate", "diagnose", "export"}
+        "identify", "criteria", "simulate", "diagnose", "export", "plan"}
     for command in commands:
         assert main(
             command.replace("--trials 500", "--trials 20").split()) == 0

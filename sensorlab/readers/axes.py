@@ -4,32 +4,33 @@ import re
 
 from sensorlab.readers.channels import INDEX, channels, ends, find, listed, path
 
-SYSTEMS = (    # names of three axes; beside the fourth they are a quaternion
+SYSTEMS = (    # names of three axes, and of what makes a quaternion of them
     ("x", "y", "z", "w"), ("X", "Y", "Z", "W"), ("[0]", "[1]", "[2]", "[3]"),
-    ("roll", "pitch", "yaw", None))
+    ("roll", "pitch", "yaw", "w"))
 INERTIAL = re.compile(r"gyr|acc|angular|omega|(?:^|[/_.])[gaw]_?[xyz]\b", re.I)
 
 
-def triads(names):
-    """Triples of names that differ by the axis alone."""
+def vectors(names):
+    """Names that differ by the axis alone: three of an axis each, or the four of a
+    quaternion.
+    """
     present, found = set(names), []
     for name in names:
-        for first, *others, fourth in SYSTEMS:
+        for first, *others in SYSTEMS:
             for at in re.finditer(re.escape(first), name):
-                def on(axis):
-                    return name[:at.start()] + axis + name[at.end():]
-                if present.issuperset(map(on, others)) and not (
-                        fourth and on(fourth) in present):
-                    found.append((name, *map(on, others)))
+                whole = [name, *(name[:at.start()] + axis + name[at.end():]
+                                 for axis in others)]
+                if present.issuperset(whole[:3]):
+                    found.append(whole[:3 + (whole[-1] in present)])
     return found
 
 
 def axes_in(some):
     """Those of some channels that are axes: of inertial sensors, if names tell."""
     rows = [c for c in some if c.array != "error"]    # of error they are records
-    known = triads([c.name for c in rows])
-    known = [triad for triad in known if INERTIAL.search(triad[0])] or known
-    names = {name for triad in known for name in triad}
+    triads = [v for v in vectors([c.name for c in rows]) if len(v) == 3]
+    triads = [triad for triad in triads if INERTIAL.search(triad[0])] or triads
+    names = {name for triad in triads for name in triad}
     return [c for c in rows if c.name in names]
 
 

@@ -4,7 +4,7 @@ their clocks.
 
 import numpy as np
 
-from sensorlab.readers.axes import triads
+from sensorlab.readers.axes import vectors
 from sensorlab.readers.channels import UNIT, channels, find, real
 from sensorlab.readers.clocks import since_zero, stamps, unit_of
 
@@ -43,7 +43,7 @@ def _of_group(channel):
     group, samples = channel.group, len(channel.values)
     shape = group.arrays[channel.array].shape
     every = list(channels(group))
-    of_axes = {name for triad in triads([c.name for c in every]) for name in triad}
+    of_axes = {name for one in vectors([c.name for c in every]) for name in one}
     is_axis = channel.name in of_axes and channel.array != "error"
     found, axes = {}, []
     for c in every:

@@ -1,6 +1,7 @@
 """Rows of many records as a DataFrame and as a table for people."""
 
 import io
+import os
 import pathlib
 import shutil
 
@@ -14,13 +15,16 @@ WIDTH = 100    # characters, where no terminal says how many there are
 def names(rows):
     """A short name for every row: what tells it from the others."""
     files, columns = [r.file for r in rows], {r.column for r in rows}
+    common = 0    # characters of the path to a topic that all have
+    if len(columns) > 1:
+        common = os.path.commonprefix(list(columns)).rfind("/") + 1
     stems = {f: pathlib.Path(f).stem for f in files}
     if len(set(stems.values())) < len(stems):
         stems = {f: f for f in files}
     if len(stems) == 1:
-        return [r.column for r in rows]
-    return [stems[r.file] if len(columns) == 1 else f"{stems[r.file]}:{r.column}"
-            for r in rows]
+        return [r.column[common:] for r in rows]
+    return [stems[r.file] if len(columns) == 1 else
+            f"{stems[r.file]}:{r.column[common:]}" for r in rows]
 
 
 def frame(rows):
