@@ -34,8 +34,8 @@ def test_a_longer_record_of_the_same_sensor_ends_where_it_was_foretold():
     truth = s.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)
     y = s.simulate([truth], 1.0, 4000, 1, seed=3).error[0]
     steps = []
-    found = outlook(y[:500], 1.0, H, 4000.0, trials=64, progress=lambda *n: steps.append(
-        n))
+    found = outlook(y[:500], 1.0, H, 4000.0, trials=64,
+                    progress=lambda *n: steps.append(n))
     assert [o.label for o in found] == ["random_walk.sigma_w", "random_walk.sigma_v"]
     assert steps == [(1, 1)]
     e = s.identify(y, 1.0, H).best

@@ -44,7 +44,7 @@ def test_a_whole_imu_is_identified_in_one_command(imu, capsys):
     said = capsys.readouterr().out
     assert said.count("10 ms from time") == 1 and "velocity random walk" in said
     (result,) = answers("o.json")
-    assert [r["name"] for r in result["records"]] == ["gx", "gy", "gz", "ax", "ay", "az"]
+    assert [r["name"] for r in result["records"]] == "gx gy gz ax ay az".split()
     assert [r["unit"] for r in result["records"]] == ["deg/s"] * 3 + ["mg"] * 3
     assert pathlib.Path("o.csv").read_text().count("\n") == 7
     assert pathlib.Path("o.png").read_bytes()[:4] == b"\x89PNG"
@@ -153,9 +153,9 @@ def test_an_interrupt_leaves_what_is_finished_and_no_process(imu):
     started = subprocess.Popen(line, stderr=subprocess.PIPE, text=True)
     time.sleep(6.0)
     started.send_signal(signal.SIGINT)
-    assert started.communicate()[1] == (
-        "sensorid: interrupted; what is finished is kept in kept, the same command goes "
-        "on from there\n")
+    error = started.communicate()[1]
+    assert error.startswith("sensorid: interrupted; what is finished is kept in kept")
+    assert error.count("\n") == 1
 
 
 def row(name, *found):

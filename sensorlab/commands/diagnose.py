@@ -16,7 +16,7 @@ from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
 from sensorlab.gap.effects import Scene, Simulator, describe
 from sensorlab.gap.report import report, table
 from sensorlab.modelfiles import Model, check_onsets, model_text, read_model
-from sensorlab.readers import Unread
+from sensorlab.readers import Unread, unread
 from sensorlab.several.work import diagnosed
 from sensorlab.units import quote_table
 
@@ -54,7 +54,7 @@ def _call(options, model, record):
         try:
             simulated = simulated_records(options, record)
         except (ValueError, OSError) as problem:
-            record = Unread(record.file, record.column, str(problem))
+            record = unread(record.file, record.column, problem)
     return diagnosed, record, model and model.simulator, simulated, options.seed
 
 

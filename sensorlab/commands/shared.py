@@ -12,7 +12,7 @@ from sensorid import write_whole
 from sensorlab.commands.cache import forgive
 from sensorlab.gap.report import finite
 from sensorlab.readers import (
-    Unread, plain_name, read as read_source, read_axes, read_rows)
+    Unread, plain_name, read as read_source, read_axes, read_rows, unread)
 from sensorlab.units import check_report, factor, fits, kind_of, quoted
 
 
@@ -47,13 +47,13 @@ def read_each(options, model=None, beside=()):
                 source, options.column, _interval(options, source, model),
                 options.resample, options.allow_missing, beside)
         except (ValueError, OSError) as problem:
-            found.append(Unread(source, options.column, str(problem)))
+            found.append(unread(source, options.column, problem))
     for number, one in enumerate(found):
         if not isinstance(one, Unread):
             try:
                 found[number] = in_unit(_as_asked(one, options, model), options, model)
             except (ValueError, OSError) as problem:
-                found[number] = Unread(one.file, one.column, str(problem))
+                found[number] = unread(one.file, one.column, problem)
     problems = {getattr(one, "problem", None) for one in found}
     if len(problems) == 1 and None not in problems:    # nothing else to be said
         raise ValueError(*problems)

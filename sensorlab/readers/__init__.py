@@ -36,6 +36,11 @@ class Unread(NamedTuple):
     problem: str    # what is wrong with it, in a sentence
 
 
+def unread(file, column, problem):
+    """`Unread`, as it may be shown."""
+    return Unread(*map(printable, (file, column, problem)))
+
+
 class Recording(NamedTuple):
     """A channel of a source, evenly sampled; missing samples are NaN."""
 
@@ -119,8 +124,7 @@ def read_axes(source, channel="all", dt=None, resample=False, allow_missing=Fals
             result.append(_recording(origin, groups, one, dt, resample, allow_missing,
                                      beside))
         except ValueError as problem:
-            result.append(Unread(printable(origin), printable(one.name),
-                                 printable(f"{origin}: {problem}")))
+            result.append(unread(origin, one.name, f"{origin}: {problem}"))
     return result
 
 

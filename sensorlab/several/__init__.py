@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from sensorid import __version__, fingerprint, write_whole
 from sensorlab.gap.report import finite
-from sensorlab.readers import Recording, Unread, read
+from sensorlab.readers import Recording, Unread, read, unread
 from sensorlab.several.common import common
 from sensorlab.several.tables import frame
 from sensorlab.several.work import Row, diagnosed, failed, identified
@@ -83,13 +83,12 @@ def opened(records, beside):
         try:
             yield read(one, beside=beside)
         except (ValueError, OSError) as problem:
-            yield Unread(str(one), "error", str(problem))
+            yield unread(one, "error", problem)
 
 
 def many(calls, executor=None, checkpoint=None, progress=None):
     """`Several` of calls (work, record, ...), each of which gives a `Row`."""
-    waiting = [executor and executor.submit(_kept_row, checkpoint, *call)
-               for call in calls]
+    waiting = [_submitted(executor, checkpoint, *call) for call in calls]
     rows = []
     for call, future in zip(calls, waiting):
         try:
@@ -100,6 +99,14 @@ def many(calls, executor=None, checkpoint=None, progress=None):
         if progress:
             progress(len(rows), len(calls))
     return Several(tuple(rows), common(rows))
+
+
+def _submitted(executor, *call):
+    """A row to come; None where it must be made here."""
+    try:
+        return executor and executor.submit(_kept_row, *call)
+    except (OSError, BrokenExecutor):    # no process can be started
+        return None
 
 
 def _kept_row(folder, work, record, *arguments):

@@ -5,7 +5,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 
 THREADS = "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 
@@ -32,8 +32,11 @@ def workers(number, ready=int):
         executor = ProcessPoolExecutor(
             number, multiprocessing.get_context("spawn"), _begin, (ready,))
         with _no_interrupts():
-            for _ in range(number):    # starts them all
-                executor.submit(os.getpid)
+            try:
+                for _ in range(number):    # starts them all
+                    executor.submit(os.getpid)
+            except (OSError, BrokenExecutor):    # none here: later ones end as well
+                pass
         try:
             yield executor
         except BaseException:
