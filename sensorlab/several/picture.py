@@ -49,7 +49,10 @@ def _draw_allan(ax, name, row):
                             label=label + ", 90 % of its records" * (label != "model"))
     ax.loglog(tau, row.curves["record"], "k.-", label="record")
     verdict = row.answer.get("verdict") or row.answer["decision"] or "undecided"
-    ax.set_title(f"{name}: {verdict}", fontsize="small", wrap=True)
+    effects = verdict.split("+")
+    if len(effects) > 2:
+        verdict = f"{effects[0]}+{len(effects) - 1} more"
+    ax.set_title(f"{name}: {verdict}", fontsize="small")
     ax.set_xlabel("averaging time, s", fontsize="small")
     ax.set_ylabel(f"Allan deviation, {row.unit}", fontsize="small")
     ax.grid(True, which="major", alpha=0.3)
@@ -58,7 +61,7 @@ def _draw_allan(ax, name, row):
         axis.set_minor_formatter("")
         axis.set_tick_params(labelsize="small")
     low, high = ax.get_ylim()
-    if high < 30.0 * low:
+    if high < 100.0 * low:
         ax.yaxis.get_major_locator().set_params(subs=(1.0, 2.0, 5.0))
 
 

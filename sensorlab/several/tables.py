@@ -48,7 +48,7 @@ def _line(row):
             verdict=a["verdict"], probability=first["probability"],
             p_value=gap["p_value"], before=gap["before"], after=gap["after"],
             closed=gap["closed"], closed_low=low, closed_high=high,
-            remainder=gap["remainder"]["share"], found=_sizes(a["found"]),
+            remainder=gap["remainder"]["share"], found="; ".join(_sizes(a["found"])),
             needed_duration=a["needed_duration"])
     else:
         best = _best(a)
@@ -67,9 +67,13 @@ def _best(answer):
 
 
 def _sizes(found):
-    return "; ".join(" ".join(filter(None, (
-        one["effect"], one["column"] and f"({one['column']})", _values(
-            one["parameters"])))) for one in found)
+    """Effects and their parameters, a text for each."""
+    return [_effect(one["effect"], one["column"], one["parameters"]) for one in found]
+
+
+def _effect(name, column, parameters):
+    return " ".join(filter(None, (name, column and f"({column})",
+                                  _values(parameters))))
 
 
 def _values(parameters):
@@ -109,9 +113,8 @@ def table(several):
 
 
 def _shared(c, called):
-    what = c.effect, c.column and f"({c.column})", _values(c.parameters)
     return (f"common to {_brief([called[n] for n in c.records])}: "
-            + " ".join(filter(None, what)))
+            + _effect(c.effect, c.column, c.parameters))
 
 
 def _headings(rows, called):
@@ -136,13 +139,14 @@ def _diagnosed_cells(row):
 
     def share(x):
         return "" if x is None else f"{100 * x:.0f} %"
-    return (a["verdict"], _number(gap["before"]), share(gap["closed"]),
-            share(gap["remainder"]["share"]), _sizes(a["found"]))
+    return (a["verdict"].replace("+", "+\n"), _number(gap["before"]),
+            share(gap["closed"]), share(gap["remainder"]["share"]),
+            "\n".join(_sizes(a["found"])))
 
 
 def _identified_cells(row):
     a, best = row.answer, _best(row.answer)
-    quotes = "; ".join(f"{q['name']} {_number(q['mean'], q['sd'])} {q['unit']}"
+    quotes = ",\n".join(f"{q['name']} {_number(q['mean'], q['sd'])} {q['unit']}"
                        for q in a["quoted"])
     return (best["name"], f"{best['probability']:.3f}",
             (quotes or _values(best["parameters"]))
