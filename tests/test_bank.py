@@ -198,3 +198,14 @@ def test_processes_abreast_equal_the_general_filter():
                         s.filter_bank(general, y, [100, 300])):
         for part, other in zip(one, two):
             assert_allclose(part, other, rtol=1e-10)
+
+
+def test_a_bank_is_the_same_after_it_has_filtered():
+    theta = np.tile([0.1, 0.5], (s.GROUP, 1))
+    b = s.bank(s.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5), 1.0,
+                      theta)
+    b = b._replace(r=np.tile(b.r, (1, 50)), P0=b.P0 + 1.0)
+    before = [part.copy() for part in b]
+    next(s.filter_bank(b, np.ones((1, 50)), [50]))
+    for part, other in zip(b, before):
+        assert_array_equal(part, other)

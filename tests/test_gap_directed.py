@@ -41,9 +41,9 @@ def ln_bayes(scene, h, name):
     base = account(scene, [h])
     full = account(scene, [h], [h.with_effect(CATALOGUE[name])], past=base)
     seen = filters.predict(h, scene, (), base.theta[None])
-    variance = np.exp(-np.nanmedian(2.0 * seen.log_score + seen.z**2)) / (2.0 * np.pi)
+    z = seen.z[0, 0]
     return full.log_evidence - base.log_evidence, screens.screened(
-        CATALOGUE[name], scene, seen.z[0, 0], variance)
+        CATALOGUE[name], scene, z, screens.usual_variance(z, seen.log_score[0, 0]))
 
 
 @pytest.mark.parametrize("name", screens.SCREENS)

@@ -12,12 +12,16 @@ from sensorlab.commands.shared import (
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
 from sensorlab.gap.effects import Scene, Simulator, describe
-from sensorlab.gap.report import report, table
+from sensorlab.gap.report import report
+from sensorlab.gap.words import told
 from sensorlab.modelfiles import Model, check_onsets, model_text, read_model
+from sensorlab.pages import page, provenance
 from sensorlab.readers import Unread, unread
 from sensorlab.several.work import diagnosed
+from sensorlab.tables import show
 from sensorlab.units import quote_table
 
 
@@ -28,20 +32,21 @@ def run(options):
         raise ValueError("diagnose needs a record (--effects alone does without)")
     model = read_model(options.model, options.dt) if options.model else None
     folder = _checked_folder(options)
-    plt = matplotlib_for_files() if folder else None
+    if folder:
+        matplotlib_for_files()
     beside = None if options.covariates is None else [
         part for part in options.covariates.split(",") if part]
     records = read_each(options, model, beside)
     _say_axes(records)
     if len(records) == 1 and options.checkpoint is None:
-        return _one(options, model, *records, folder, plt)
+        return _one(options, model, *records, folder)
     several = answers(options, [_call(options, model, record) for record in records])
     if folder:
         folder.mkdir(exist_ok=True)
         write_answers(folder / "report.json", several)
         write_table(folder / "table.csv", several)
         write_models(folder / "model", several)
-        write_picture(plt, folder / "report.png", several)
+        write_picture(folder / "report.png", several)
     conclude(several)
     if folder:
         print(f"{folder}: report.json, report.png, table.csv, model.NAME.json")
@@ -58,7 +63,7 @@ def _call(options, model, record):
     return diagnosed, record, model and model.simulator, simulated, options.seed
 
 
-def _one(options, model, record, folder, plt):
+def _one(options, model, record, folder):
     """The record that is alone, at length."""
     unit = record.unit
     simulated = simulated_records(options, record) if options.simulated else None
@@ -79,12 +84,16 @@ def _one(options, model, record, folder, plt):
                    model_text(Model(record.dt, unit, simulator,
                                     pathlib.Path(record.file).name)))
         write_json(folder / "report.json", report(d, record))
-        save(draw_diagnosis(plt, d, record, unit), folder / "report.png")
-    print(table(d, record, unit), end="")
+        seen, files = view(d), [("record", record.file), ("simulator", options.model),
+                                ("simulated records", options.simulated)]
+        save(draw_diagnosis(d, seen, record, unit), folder / "report.png")
+        write_text(folder / "report.html", page(
+            d, record, unit, provenance(files, options.typed), seen))
+    show(*told(d, record, unit))
     if quotes:
         print(f"{h.name}, as data sheets quote it:\n" + quote_table(quotes))
     if folder:
-        print(f"{folder}: report.json, report.png, model.json")
+        print(f"{folder}: report.html, report.png, report.json, model.json")
 
 
 def _say_axes(records):
@@ -105,7 +114,8 @@ def _checked_folder(options):
     if folder.is_dir():
         check_outputs([*options.records, options.model, options.simulated],
                       *(folder / name for name in (
-                          "report.json", "report.png", "model.json", "table.csv")))
+                          "report.html", "report.json", "report.png", "model.json",
+                          "table.csv")))
     return folder
 
 

@@ -4,7 +4,8 @@ import pathlib
 
 import numpy as np
 
-from sensorid import MODELS, allan_misfit, default_hypotheses, identify, summary
+from sensorid import (
+    MODELS, SUMMARY, allan_misfit, decided, default_hypotheses, identify, summary_rows)
 from sensorlab.commands import compose
 from sensorlab.commands.many import (
     answers, conclude, write_answers, write_models, write_picture, write_table)
@@ -15,6 +16,7 @@ from sensorlab.drawings import draw_identify, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
 from sensorlab.several.work import (
     estimated, identification, identified, posterior_model)
+from sensorlab.tables import Table, show
 from sensorlab.units import quote_table
 
 
@@ -46,7 +48,7 @@ def run(options):
     if options.save_model:
         write_models(pathlib.Path(options.save_model).with_suffix(""), several)
     if plt:
-        write_picture(plt, options.plot, several)
+        write_picture(options.plot, several)
     conclude(several)
 
 
@@ -65,10 +67,10 @@ def _one(options, model, record, names, plt):
     if options.save_model:
         write_text(options.save_model, posterior_model(record, posterior))
     if plt:
-        save(draw_identify(plt, record, posterior, unit), options.plot)
-    print(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing")
-    print(summary(posterior, unit))
-    print(misfit.sentence)
+        save(draw_identify(record, posterior, unit), options.plot)
+    show(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing",
+         Table(SUMMARY, tuple(summary_rows(posterior, unit)), (1,)),
+         decided(posterior), misfit.sentence)
     if "no hypothesis describes" in misfit.sentence and not model:
         print("identify --compose says what its noise is the sum of")
     if quotes:

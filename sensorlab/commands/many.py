@@ -11,7 +11,8 @@ from sensorlab.drawings import save
 from sensorlab.several import many
 from sensorlab.several.picture import draw_several
 from sensorlab.several.pool import cores, workers
-from sensorlab.several.tables import names, table
+from sensorlab.several.tables import names, told
+from sensorlab.tables import show
 
 
 def answers(options, calls, usual=None):
@@ -62,15 +63,15 @@ def write_models(stem, several):
     return written
 
 
-def write_picture(plt, file, several):
+def write_picture(file, several):
     """One figure of all that gave an answer; none where no record did."""
     if any(not row.problem for row in several.rows):
-        save(draw_several(plt, several.rows), file)
+        save(draw_several(several.rows), file)
 
 
 def conclude(several):
     """Print the table; refuse in the end if a record gave no answer."""
-    print(table(several))
+    show(*told(several))
     bad = [name for name, row in zip(names(several.rows), several.rows) if row.problem]
     if bad:
         raise ValueError(f"{len(bad)} of {len(several.rows)} records gave no answer: "

@@ -6,6 +6,7 @@ from sensorid import MODELS, default_hypotheses
 from sensorlab.commands.shared import (
     check_outputs, progress_bar, read_each, refuse_effects, targets, write_json)
 from sensorlab.drawings import matplotlib_for_files, save
+from sensorlab.drawings.style import AFTER, BEFORE, INK, styled
 from sensorlab.modelfiles import read_model
 from sensorlab.planning import AHEAD, for_longer, length, outlook
 
@@ -43,7 +44,7 @@ def run(options):
             outlook=[one._asdict() for one in outlooks],
             needed=[one._asdict() for one in lengths]))
     if plt:
-        save(draw_outlook(plt, outlooks, lengths), options.plot)
+        save(draw_outlook(outlooks, lengths), options.plot)
     _show(record, duration, outlooks, lengths, options)
 
 
@@ -107,32 +108,29 @@ def _sentence(one, own, limit):
             f"[{100 * one.reached[0]:.3g}, {100 * one.reached[2]:.3g}]")
 
 
-def draw_outlook(plt, outlooks, lengths):
+@styled
+def draw_outlook(outlooks, lengths):
     """Relative standard deviation of every parameter against record length."""
+    from matplotlib.figure import Figure
     columns = min(len(outlooks), 3)
     lines = -(-len(outlooks) // columns)
-    fig, axes = plt.subplots(lines, columns, squeeze=False, sharex=True,
-                             figsize=(4.0 * columns, 2.9 * lines + 0.4))
+    fig = Figure(figsize=(4.0 * columns, 2.9 * lines + 0.4), layout="constrained")
+    axes = fig.subplots(lines, columns, squeeze=False, sharex=True)
     for ax in axes.flat[len(outlooks):]:
         ax.set_axis_off()
     for ax, one in zip(axes.flat, outlooks):
         low, middle, high = one.rsd
-        ax.fill_between(one.time, low, high, color="tab:blue", alpha=0.25, linewidth=0,
+        ax.fill_between(one.time, low, high, color=AFTER, alpha=0.25, linewidth=0,
                         label="90 % of such sensors")
-        ax.loglog(one.time, middle, "-", color="tab:blue", label="half of them")
-        ax.plot(one.time[0], one.now, "ko", label="this record")
+        ax.loglog(one.time, middle, "-", color=AFTER, label="half of them")
+        ax.plot(one.time[0], one.now, "o", color=INK, label="this record")
         for target in [n.target for n in lengths if n.label == one.label]:
-            ax.axhline(target, color="tab:red", linestyle="--", label="target")
+            ax.axhline(target, color=BEFORE, linestyle="--", label="target")
         ax.set_title(f"{one.label}, probability {one.probability:.2f}",
                      fontsize="small")
-        ax.grid(True, which="both", alpha=0.3)
-        for axis in (ax.xaxis, ax.yaxis):
-            axis.set_major_formatter("{x:g}")
-            axis.get_major_locator().set_params(subs=(1.0, 2.0, 5.0))
-            axis.set_minor_formatter("")
     for ax in axes[-1]:
         ax.set_xlabel("record length, s")
     for ax in axes[:, 0]:
         ax.set_ylabel("relative standard deviation")
-    axes[0, 0].legend(fontsize="x-small", framealpha=0.6, edgecolor="none")
+    axes[0, 0].legend(fontsize="x-small")
     return fig

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import LOG_2PI, brief, free_columns, probabilities
+from sensorid import brief, free_columns, probabilities
 from sensorlab.gap.account import Account, account, gaussian, mean_evidence
 from sensorlab.gap.catalogue import flicker_times
 from sensorlab.gap.directed import directed, estimate_signature
@@ -12,7 +12,7 @@ from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS
 from sensorlab.gap.filters import predict, solve
 from sensorlab.gap.readings import as_read
-from sensorlab.gap.screens import FEW, screened
+from sensorlab.gap.screens import FEW, screened, usual_variance
 from sensorlab.gap.signatures import families
 
 UNKNOWN = Effect("unknown")    # something that is in no catalogue
@@ -150,8 +150,8 @@ def _with_signatures(listed, samples):
 def _with_filters(scene, plain, acc, reference, effects, processes):
     """Rivals that are inside the filter: models, if wanted, and jumps."""
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
-    z, log_score = seen.z[0, 0], seen.log_score[0, 0]
-    variance = np.exp(-np.nanmedian(2.0 * log_score + z**2) - LOG_2PI)
+    z = seen.z[0, 0]
+    variance = usual_variance(z, seen.log_score[0, 0])
     for effect in effects:
         inside = effect.jumps or processes and effect.model and not effect.reading
         if not inside or not _has_room(effect, acc, scene):

@@ -42,7 +42,7 @@ class Gap(NamedTuple):
 
 POSTERIOR_NODES = 24    # parameters that stand for a posterior
 TRIALS = 199    # simulated records behind every p-value
-FEWER = (LONG_RECORD, 2), (10 * LONG_RECORD, 5)    # samples from which on so many times
+FEWER = (LONG_RECORD, 4), (10 * LONG_RECORD, 5)    # samples from which on so many times
                                                    # fewer must do
 
 

@@ -5,6 +5,8 @@ noise. Where they see nothing, the filters that would tell exactly need not run.
 import numpy as np
 from scipy.special import logsumexp
 
+from sensorid import LOG_2PI
+
 FEW = -2.0        # ln B below which a screen has the last word
 ONSETS = 2048     # at most, that are tried
 RATIOS = 33       # values of a parameter that are tried
@@ -15,15 +17,25 @@ def screened(effect, scene, z, variance):
     """About ln B of an effect from normal scores z (N,) of innovations of that
     variance; NaN where no screen knows the effect.
 
-    What else the filter knows is taken to stay as it is but for the scale of the noise.
+    What else the filter knows is taken to stay as it is, but for the scale of the
+    noise.
     """
     screen = SCREENS.get(effect.name)
-    if screen is None:
+    if screen is None or np.isnan(variance):
         return np.nan
     gain = screen(scene, [p.quantile((np.arange(RATIOS) + 0.5) / RATIOS)
                           for p in effect.parameters(scene)], z, variance)
     # two more parameters: as for an account, no more than by Akaike's correction
     return float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0))
+
+
+def usual_variance(z, log_score):
+    """Variance of most innovations, of these normal scores and log densities (N,); NaN
+    where the filter foretells none.
+    """
+    near = np.abs(z) < 5.0
+    return np.exp(-np.median(2.0 * log_score[near] + z[near]**2) - LOG_2PI) if (
+        near.any()) else np.nan
 
 
 def _change_of_noise(scene, values, z, variance):

@@ -1,15 +1,16 @@
 """One figure of many records: Allan deviations, and what was found on which."""
 
 import numpy as np
+from sensorlab.drawings.style import AFTER, BEFORE, styled
 from sensorlab.gap.verdict import RARE
 from sensorlab.several.tables import names
 
 PANELS = 12    # Allan deviations in a figure, those of the largest gaps
 LINES = 80     # records in the matrix
-SHADES = dict(model="tab:blue", simulator="tab:red")
 
 
-def draw_several(plt, rows):
+@styled
+def draw_several(rows):
     """Allan deviations of the records beside what explains them; probability of every
     hypothesis or effect on every record.
     """
@@ -21,13 +22,14 @@ def draw_several(plt, rows):
     columns = min(len(shown), 3)
     lines = -(-len(shown) // columns)
     height = max(2.7 * lines, 1.6 + 0.24 * min(len(answered), LINES), 4.0)
-    fig = plt.figure(figsize=(3.8 * columns + 4.6, height))
+    from matplotlib.figure import Figure
+    fig = Figure(figsize=(3.8 * columns + 4.6, height), layout="constrained")
     places = fig.add_gridspec(lines, columns + 1, width_ratios=[3.8] * columns + [3.4])
     for number, (name, row) in enumerate(shown):
         ax = fig.add_subplot(places[divmod(number, columns)])
         _draw_allan(ax, name, row)
         if number == 0:
-            ax.legend(fontsize="x-small", framealpha=0.6, edgecolor="none")
+            ax.legend(fontsize="x-small")
     if len(shown) < len(answered):
         fig.suptitle(f"left: the {PANELS} largest gaps of {len(answered)} records")
     _draw_matrix(fig.add_subplot(places[:, -1]), answered[:LINES])
@@ -44,7 +46,7 @@ def _draw_allan(ax, name, row):
     for label, band in row.curves.items():
         if label not in ("tau", "record"):
             low, high = np.array(band, float)
-            colour = SHADES.get(label, "tab:blue")
+            colour = BEFORE if label == "simulator" else AFTER
             ax.fill_between(tau, low, high, color=colour, alpha=0.3, linewidth=1.5,
                             label=label + ", 90 % of its records" * (label != "model"))
     ax.loglog(tau, row.curves["record"], "k.-", label="record")
@@ -55,14 +57,6 @@ def _draw_allan(ax, name, row):
     ax.set_title(f"{name}: {verdict}", fontsize="small")
     ax.set_xlabel("averaging time, s", fontsize="small")
     ax.set_ylabel(f"Allan deviation, {row.unit}", fontsize="small")
-    ax.grid(True, which="major", alpha=0.3)
-    for axis in (ax.xaxis, ax.yaxis):    # 0.02, not 2 x 10^-2
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter("")
-        axis.set_tick_params(labelsize="small")
-    low, high = ax.get_ylim()
-    if high < 100.0 * low:
-        ax.yaxis.get_major_locator().set_params(subs=(1.0, 2.0, 5.0))
 
 
 def _draw_matrix(ax, answered):
@@ -75,6 +69,7 @@ def _draw_matrix(ax, answered):
     heads = [name for name, p in sorted(total.items(), key=lambda one: -one[1])
              if p >= RARE]
     p = np.array([[chance.get(name, 0.0) for name in heads] for chance in chances])
+    ax.grid(False)
     ax.imshow(p, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
     ax.set_xticks(range(len(heads)), heads, rotation=60, ha="right", fontsize="small")
     ax.set_yticks(range(len(answered)), [name for name, _ in answered],

@@ -1,15 +1,9 @@
 """Rows of many records as a DataFrame and as a table for people."""
 
-import io
 import os
 import pathlib
-import shutil
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
-WIDTH = 100    # characters, where no terminal says how many there are
+from sensorlab.tables import Table
 
 
 def names(rows):
@@ -90,26 +84,20 @@ def _number(mean, sd=None):
     return f"{mean:.4g}" + (f" +- {sd:.2g}" if sd else "")
 
 
-def table(several):
-    """The rows, and what they have in common, as text for people."""
+def told(several):
+    """The rows, and what they have in common, as sentences and a `Table`."""
     rows, called = several.rows, names(several.rows)
     diagnosed = any("verdict" in row.answer for row in rows)
-    heads = (("record", "verdict", "gap, sd", "closed", "left", "found") if diagnosed
-             else ("record", "hypothesis", "probability", "parameters"))
-    grid = Table(box=None, pad_edge=False)
-    for head in heads:
-        number = head in ("gap, sd", "closed", "left", "probability")
-        grid.add_column(head, justify="right" if number else "left", overflow="fold",
-                        no_wrap=number or head == "record")
+    heads, right = ((("record", "verdict", "gap, sd", "closed", "left", "found"),
+                     (2, 3, 4)) if diagnosed else
+                    (("record", "hypothesis", "probability", "parameters"), (2,)))
+    lines = []
     for name, row in zip(called, rows):
         cells = (("no answer", *[""] * (len(heads) - 3), row.problem) if row.problem
                  else _diagnosed_cells(row) if diagnosed else _identified_cells(row))
-        grid.add_row(*map(escape, (name, *cells)))
-    page = io.StringIO()    # what is printed may fail as any text may, not as rich does
-    Console(file=page, width=shutil.get_terminal_size((WIDTH, 24)).columns).print(grid)
-    return "\n".join([*_headings(rows, called),
-                      *(line.rstrip() for line in page.getvalue().splitlines()),
-                      *(_shared(c, called) for c in several.common)])
+        lines.append((name, *cells))
+    return (*_headings(rows, called), Table(heads, tuple(lines), right),
+            *(_shared(c, called) for c in several.common))
 
 
 def _shared(c, called):
