@@ -11,6 +11,7 @@ other algorithms, files, pictures, the command line.
     exports/       the sensor in the format of other programs
     drawings/      the pictures of --plot and of a diagnosis
     pages/         a diagnosis as one page of HTML
+    several/       many records in one go: the axes of a sensor, a folder
     commands/      the command line
 
 What is public can be taken from here; it is imported when it is asked for.
@@ -20,7 +21,9 @@ import importlib
 
 _HOME = dict(
     ALGORITHMS="rivals", estimation_bound="rivals",
-    read="readers", Recording="readers", Record="readers", read_record="readers",
+    diagnose_many="several", identify_many="several",
+    read="readers", read_axes="readers", Recording="readers", Record="readers",
+    read_record="readers",
     Model="modelfiles", read_model="modelfiles", model_text="modelfiles",
     simulator_from="gap.blackbox",
     CATALOGUE="gap.catalogue", Effect="gap.effects", Found="gap.effects",

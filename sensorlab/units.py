@@ -193,6 +193,11 @@ def quoted(parameters, dt, unit, report=()):
     return tuple(found)
 
 
+def fits(report, unit):
+    """Can a parameter of a record in this unit be quoted in a unit to report in?"""
+    return any(alike(report, _own(q, unit)) for q in QUOTES.values())
+
+
 def check_report(unit, report):
     """Refuse a unit to report in that no parameter can be quoted in.
 
@@ -203,7 +208,7 @@ def check_report(unit, report):
     """
     usual = quoted([(symbol, 1.0, 0.0) for symbol in QUOTES], 1.0, unit)
     for r in report:
-        if not any(alike(r, _own(q, unit)) for q in QUOTES.values()):
+        if not fits(r, unit):
             raise ValueError(f"{r} fits no parameter of this sensor; they are "
                              + ", ".join(dict.fromkeys(f"{q.name} in {q.unit}"
                                                        for q in usual)))

@@ -153,7 +153,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify r.npz --json a.json --save-model ./a.json", "is named twice"),
     ("identify r.npz --hypotheses markov,markov", "named twice"),
     ("identify r.npz --hypotheses=", "unknown hypothesis"),
-    ("identify .", "no such file, but a folder"),
+    ("simulate m.json --like . --out s.npz", "no such file, but a folder"),
     ("criteria m.json --duration 1e300", "record less"),
     ("criteria m.json --duration 50 --checkpoint m.json", "a folder is needed"),
     ("simulate m.json --samples 99999999 --records 999 --out s.npz",
@@ -268,16 +268,20 @@ def test_a_large_offset_changes_nothing(folder, capsys):
         assert abs(found["parameters"]["sigma_v"]["mean"] - 0.5) < 0.02
 
 
-def test_outputs_follow_links_and_leave_pipes_alone(folder):
-    os.symlink("target.json", "link.json")
+def test_outputs_follow_no_links_and_leave_pipes_alone(folder, capsys):
+    pathlib.Path("target.json").write_text("precious")
+    for target in ("target.json", "none.json"):
+        os.symlink(target, "link.json")
+        assert main("identify r.npz --json link.json".split()) == 2
+        assert "link.json is a link to" in capsys.readouterr().err
+        os.unlink("link.json")
+    assert pathlib.Path("target.json").read_text() == "precious"
     os.mkfifo("pipe.json")
     reader = subprocess.Popen(["cat", "pipe.json"], stdout=subprocess.PIPE)
-    for name in ("link.json", "pipe.json"):
-        assert main(f"identify r.npz --json {name}".split()) == 0
+    assert main("identify r.npz --json pipe.json".split()) == 0
     assert json.loads(reader.communicate()[0])["decision"] == "random_walk"
-    assert os.path.islink("link.json") and json.loads(
-        pathlib.Path("target.json").read_text())
     assert not pathlib.Path("pipe.json").is_file()
+    assert not pathlib.Path("none.json").exists()
 
 
 def test_a_real_gyro_is_identified(real, tmp_path, monkeypatch, capsys):

@@ -227,7 +227,11 @@ def test_a_clock_and_a_dt_that_disagree_are_refused():
     arrays = dict(error=Y[0], time=0.01 * np.arange(N), dt=0.02)
     with pytest.raises(ValueError, match="time says dt = 0.01 s, but the scalar dt is"):
         read(arrays)
-    assert read(arrays, dt=0.02).clock == "dt 20 ms as given"
+    with pytest.raises(ValueError, match="time says dt = 0.01 s, but 0.02 s is given"):
+        read(arrays, dt=0.02)
+    assert read(arrays, dt=0.01).clock == "dt 10 ms as given"
+    jumping = dict(arrays, time=np.random.default_rng(0).uniform(size=N))
+    assert read(jumping, dt=0.02).clock == "dt 20 ms as given"
     assert read(dict(arrays, dt=0.01)).clock == "dt 10 ms from time"
     assert read(dict(arrays, time="noon")).clock == "dt 20 ms"
     assert read(dict(arrays, dt=np.full(N, 0.02))).clock == "dt 10 ms from time"

@@ -106,7 +106,7 @@ def test_an_interrupt_ends_with_one_line_that_says_how_to_go_on(tmp_path):
             run.wait(1.0)
     _, error = run.communicate()
     assert run.returncode == 130 and error.count("\n") == 1
-    assert "finished trials are kept in kept" in error
+    assert "what is finished is kept in kept" in error
     assert not (tmp_path / "a.json").exists()
 
 

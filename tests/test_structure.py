@@ -61,13 +61,14 @@ ROOMS = {    # of the laboratory; each takes only from those before it, and befo
                       "account", "directed", "causes", "places", "distance", "closure",
                       "drift", "twins", "flexible", "search", "remainder", "verdict",
                       "diagnosis", "blackbox", "sizes", "words", "report", "curves"],
-    "sensorlab/readers": ["clocks", "channels", "messages", "arrays", "text", "objects",
+    "sensorlab/readers": ["clocks", "channels", "axes", "covariates", "messages",
+                          "arrays", "text", "objects",
                           "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],
     "sensorlab/drawings": ["style", "identification", "performance", "panels",
                            "diagnosis"],
     "sensorlab": ["printable", "tables", "gap", "rivals", "planning", "readers",
                   "units", "foreign", "modelschema", "modelfiles", "exports",
-                  "drawings", "pages", "commands"]}
+                  "drawings", "pages", "several", "commands"]}
 
 
 def imported(file):
@@ -203,7 +204,7 @@ def test_the_readmes_commands_run(tmp_path, monkeypatch):
     pathlib.Path("model.json").write_text(model)
     commands = re.findall(r"^python -m sensorid (.*)$", README, re.M)
     assert {c.split()[0] for c in commands} == {
-        "identify", "criteria", "simulate", "diagnose", "export"}
+        "identify", "criteria", "simulate", "diagnose", "export", "plan"}
     for command in commands:
         assert main(
             command.replace("--trials 500", "--trials 20").split()) == 0

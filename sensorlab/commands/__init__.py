@@ -27,7 +27,7 @@ def main(argv=None):
 
     def kept():
         return options.checkpoint and (
-            f"; finished trials are kept in {options.checkpoint}, the same command "
+            f"; what is finished is kept in {options.checkpoint}, the same command "
             "goes on from there")
     return in_one_line(work, kept, last=argv is None)
 

@@ -4,7 +4,7 @@ import pathlib
 
 from sensorid import default_hypotheses
 from sensorlab.commands.shared import (
-    check_outputs, in_unit, progress_bar, read, refuse_unused, write_json, write_text)
+    check_outputs, progress_bar, read_each, refuse_unused, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import augmented, diagnose
@@ -17,11 +17,15 @@ from sensorlab.tables import show
 
 def run(options):
     """The error model of a record as a sum: a hypothesis and the effects it needs."""
-    refuse_unused(options, "model", "hypotheses", "report",
+    refuse_unused(options, "model", "hypotheses", "report", "csv", "checkpoint",
                   why="does nothing beside --compose, which finds the sum by itself")
-    check_outputs([options.record], options.json, options.save_model, plot=options.plot)
+    check_outputs(options.records, options.json, options.save_model, plot=options.plot)
     plt = matplotlib_for_files() if options.plot else None
-    record, unit = in_unit(read(options), options)
+    records = read_each(options)
+    if len(records) > 1:
+        raise ValueError(f"--compose takes one record at a time, not {len(records)}: "
+                         "diagnose takes several")
+    (record,), unit = records, records[0].unit
     d = diagnose(record.error, record.dt, Simulator(default_hypotheses(
         record.error, record.dt)), progress=progress_bar)
     simulator = augmented(d)

@@ -9,7 +9,7 @@ import numpy as np
 
 from sensorid import check_targets, check_trials, criteria, record_length
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, refuse_effects, write_json, write_text)
+    check_outputs, progress_bar, refuse_effects, targets, write_json, write_text)
 from sensorlab.drawings import draw_criteria, draw_design, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
 from sensorlab.planning import at_condition
@@ -89,28 +89,11 @@ def _algorithms(text):
     return {name: ALGORITHMS[name] for name in names if name}
 
 
-def _numbers_of(option, texts, most=1000):
-    """Sorted numbers by name from texts NAME=V,V,..."""
-    result = {}
-    for text in texts:
-        name, _, values = text.rpartition("=")
-        try:
-            numbers = sorted(float(v) for v in values.split(","))
-        except ValueError:
-            numbers = []
-        if (not name or name in result or not 1 <= len(numbers) <= most
-                or not all(0.0 < v < np.inf for v in numbers)):
-            raise ValueError(f"{option} {text}: NAME=NUMBER is needed, once for each "
-                             "name, and numbers > 0")
-        result[name] = numbers
-    return result
-
-
 def _targets_command(options, model):
     """How long must be recorded: one answer, or a table over conditions."""
-    rsd = {name: value for name, (value, *_) in _numbers_of(
+    rsd = {name: value for name, (value, *_) in targets(
         "--target-rsd", options.target_rsd, most=1).items()}
-    design = _numbers_of("--design", options.design)
+    design = targets("--design", options.design)
     if set(design) - {"dt", "sigma_v"}:
         raise ValueError(f"--design {', '.join(design)}: dt and sigma_v can be varied")
     if options.algorithms:

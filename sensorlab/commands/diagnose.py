@@ -3,8 +3,11 @@
 import pathlib
 
 from sensorid import default_hypotheses
+from sensorlab.commands.many import (
+    answers, check_folder, conclude, write_answers, write_models, write_picture,
+    write_table)
 from sensorlab.commands.shared import (
-    as_quoted, check_outputs, in_unit, progress_bar, read, refuse_unused,
+    as_quoted, check_outputs, progress_bar, read_each, refuse_unused,
     simulated_records, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.blackbox import simulator_from
@@ -16,19 +19,16 @@ from sensorlab.gap.report import report
 from sensorlab.gap.words import told
 from sensorlab.modelfiles import Model, check_onsets, model_text, read_model
 from sensorlab.pages import page, provenance
+from sensorlab.readers import Unread, unread
+from sensorlab.several.work import diagnosed
 from sensorlab.tables import show
 from sensorlab.units import quote_table
 
 
 def run(options):
     if options.effects:
-        refuse_unused(options, "model", "simulated", "covariates", "out",
-                      why="does nothing beside --effects")
-        if options.record is None:
-            refuse_unused(options, "column", "dt", "resample", "allow_missing",
-                          why="goes with a record")
         return _list_effects(options)
-    if options.record is None:
+    if not options.records:
         raise ValueError("diagnose needs a record (--effects alone does without)")
     model = read_model(options.model, options.dt) if options.model else None
     folder = _checked_folder(options)
@@ -36,8 +36,37 @@ def run(options):
         matplotlib_for_files()
     beside = None if options.covariates is None else [
         part for part in options.covariates.split(",") if part]
-    record, unit = in_unit(read(options, model, beside), options, model)
-    simulated = simulated_records(options, record.dt) if options.simulated else None
+    records = read_each(options, model, beside)
+    _say_axes(records)
+    if len(records) == 1 and options.checkpoint is None:
+        return _one(options, model, *records, folder)
+    several = answers(options, [_call(options, model, record) for record in records])
+    if folder:
+        folder.mkdir(exist_ok=True)
+        write_answers(folder / "report.json", several)
+        write_table(folder / "table.csv", several)
+        write_models(folder / "model", several)
+        write_picture(folder / "report.png", several)
+    conclude(several)
+    if folder:
+        print(f"{folder}: report.json, report.png, table.csv, model.NAME.json")
+
+
+def _call(options, model, record):
+    """Work for one of several records."""
+    simulated = None
+    if options.simulated and not isinstance(record, Unread):
+        try:
+            simulated = simulated_records(options, record)
+        except (ValueError, OSError) as problem:
+            record = unread(record.file, record.column, problem)
+    return diagnosed, record, model and model.simulator, simulated, options.seed
+
+
+def _one(options, model, record, folder):
+    """The record that is alone, at length."""
+    unit = record.unit
+    simulated = simulated_records(options, record) if options.simulated else None
     simulator = _simulator(model, simulated, record)
     try:
         check_onsets(simulator, Scene(record.error, record.dt, {}))
@@ -47,8 +76,8 @@ def run(options):
         raise ValueError(f"{options.model or record.file}: {problem}") from None
     simulator = augmented(d)
     (h,) = simulator.hypotheses
-    quotes = as_quoted([(p.symbol, p.mean, p.sd) for p in h.parameters], record.dt,
-                       unit, options)
+    quotes = as_quoted([(p.symbol, p.mean, p.sd) for p in h.parameters], record,
+                       options)
     if folder:
         folder.mkdir(exist_ok=True)
         write_text(folder / "model.json",
@@ -67,17 +96,26 @@ def run(options):
         print(f"{folder}: report.html, report.png, report.json, model.json")
 
 
+def _say_axes(records):
+    """Which columns are not taken as covariates, once."""
+    axes = dict.fromkeys(name for record in records if not isinstance(record, Unread)
+                         for name in record.axes)
+    if axes:
+        print(f"other axes are no covariates of an axis ({', '.join(axes)}): "
+              "--covariates takes them")
+
+
 def _checked_folder(options):
     """The folder of --out, if it can be written; None without."""
     if options.out is None:
         return None
     folder = pathlib.Path(options.out)
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder} is a file: a folder is needed")
-    check_outputs([], *([folder / "report.json"] if folder.is_dir() else [folder]))
-    check_outputs([options.record, options.model, options.simulated],
-                  *(folder / name for name in (
-                      "report.html", "report.json", "model.json") if folder.is_dir()))
+    check_folder(folder)
+    if folder.is_dir():
+        check_outputs([*options.records, options.model, options.simulated],
+                      *(folder / name for name in (
+                          "report.html", "report.json", "report.png", "model.json",
+                          "table.csv")))
     return folder
 
 
@@ -91,11 +129,18 @@ def _simulator(model, simulated, record):
 
 
 def _list_effects(options):
+    refuse_unused(options, "model", "simulated", "covariates", "out", "checkpoint",
+                  "workers", why="does nothing beside --effects")
     scene = None
-    if options.record is not None:
-        record = read(options, None, None)
-        scene = Scene(record.error, record.dt, record.columns)
+    if options.records:
+        records = read_each(options, None, None)
+        if len(records) > 1:
+            raise ValueError(f"--effects takes one record, not {len(records)}")
+        scene = Scene(records[0].error, records[0].dt, records[0].columns)
         check_scene(scene.y, scene.dt, scene.columns)
+    else:
+        refuse_unused(options, "column", "dt", "resample", "allow_missing",
+                      why="goes with a record")
     print("y is the error, u its unit, t the time, T the duration, dt the sampling "
           "interval.\nThe prior of a size, slope, coefficient or amplitude is highest "
           "at 4 standard errors,\nfalls from there on and is 0 at 0.\n")

@@ -5,15 +5,17 @@ import pathlib
 import numpy as np
 
 from sensorid import (
-    MODELS, SUMMARY, Parameter, allan_misfit, decide, decided, default_hypotheses,
-    identify, matrices, summary_rows)
+    MODELS, SUMMARY, allan_misfit, decided, default_hypotheses, identify, summary_rows)
 from sensorlab.commands import compose
+from sensorlab.commands.many import (
+    answers, conclude, write_answers, write_models, write_picture, write_table)
 from sensorlab.commands.shared import (
-    as_quoted, check_outputs, in_unit, progress_bar, read, refuse_effects, write_json,
-    write_text)
+    as_quoted, check_outputs, progress_bar, read_each, refuse_effects, report_units,
+    write_json, write_text)
 from sensorlab.drawings import draw_identify, matplotlib_for_files, save
-from sensorlab.gap.effects import Simulator
-from sensorlab.modelfiles import Model, model_text, read_model
+from sensorlab.modelfiles import read_model
+from sensorlab.several.work import (
+    estimated, identification, identified, posterior_model)
 from sensorlab.tables import Table, show
 from sensorlab.units import quote_table
 
@@ -26,43 +28,44 @@ def run(options):
     if model and options.hypotheses is not None:
         raise ValueError("--hypotheses names defaults and --model brings its own: "
                          "give one of them")
-    check_outputs([options.record, options.model], options.json, options.save_model,
-                  plot=options.plot)
+    check_outputs([*options.records, options.model], options.json, options.save_model,
+                  options.csv, plot=options.plot)
     plt = matplotlib_for_files() if options.plot else None
-    record, unit = in_unit(read(options, model), options, model)
-    y, dt = record.error, record.dt
+    records = read_each(options, model)
     names = ("white_noise,random_walk,markov" if options.hypotheses is None
              else options.hypotheses)
-    names = MODELS if names == "all" else names.split(",")
+    names = tuple(MODELS) if names == "all" else tuple(names.split(","))
+    if len(records) == 1 and options.csv is None and options.checkpoint is None:
+        return _one(options, model, *records, names, plt)
+    hypotheses = model.simulator.hypotheses if model else names
+    several = answers(options, [
+        (identified, record, hypotheses, report_units(options, record))
+        for record in records], usual=1)    # whose filters use all cores
+    if options.json:
+        write_answers(options.json, several)
+    if options.csv:
+        write_table(options.csv, several)
+    if options.save_model:
+        write_models(pathlib.Path(options.save_model).with_suffix(""), several)
+    if plt:
+        write_picture(options.plot, several)
+    conclude(several)
+
+
+def _one(options, model, record, names, plt):
+    """The record that is alone, at length."""
+    y, dt, unit = record.error, record.dt, record.unit
     hypotheses = (model.simulator.hypotheses if model else
                   default_hypotheses(y, dt, names))
     posterior = identify(y, dt, hypotheses, progress=progress_bar)
     misfit = allan_misfit(y, dt, posterior.best)
-
     best = posterior.best
-    quotes = as_quoted([(p.symbol, *part) for p, *part in zip(
-        best.hypothesis.parameters, best.mean, np.sqrt(np.diag(best.covariance)))],
-        dt, unit, options)
-    chosen = decide(posterior)
-    result = dict(
-        record=dict(file=record.file, column=record.column, samples=len(y), dt=dt),
-        decision=None if chosen is None else hypotheses[chosen].name,
-        hypotheses=[dict(
-            name=e.hypothesis.name, probability=float(posterior.probability[k]),
-            log_evidence=float(e.log_evidence),
-            parameters={p.symbol: dict(mean=float(m), sd=float(sd)) for p, m, sd in zip(
-                e.hypothesis.parameters, e.mean, np.sqrt(np.diag(e.covariance)))},
-            matrices=matrices(e, dt), nodes_per_sd=e.nodes_per_sd.tolist(),
-            settled=e.settled)
-            for k, e in enumerate(posterior.estimates)],
-        allan_misfit=dict(tau=misfit.tau, ratio=misfit.ratio, sd=misfit.sd),
-        quoted=[q._asdict() for q in quotes])
+    quotes = as_quoted(estimated(best), record, options)
     if options.json:
-        write_json(options.json, result)
+        write_json(options.json, identification(
+            record, posterior, report_units(options, record), misfit))
     if options.save_model:
-        write_text(options.save_model, model_text(Model(
-            dt, unit, Simulator((_narrowed(posterior.best),)),
-            pathlib.Path(record.file).name)))
+        write_text(options.save_model, posterior_model(record, posterior))
     if plt:
         save(draw_identify(record, posterior, unit), options.plot)
     show(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing",
@@ -73,14 +76,3 @@ def run(options):
     if quotes:
         print(f"{best.hypothesis.name}, as data sheets quote it:\n"
               + quote_table(quotes))
-
-
-def _narrowed(e):
-    """The hypothesis of an estimate with ranges of two standard deviations to
-    either side.
-    """
-    sds = np.sqrt(np.diag(e.covariance))
-    return e.hypothesis._replace(parameters=tuple(
-        Parameter(p.symbol, max(p.low, m - 2 * sd), min(p.high, m + 2 * sd), p.log)
-        if p.free else p
-        for p, m, sd in zip(e.hypothesis.parameters, e.mean, sds)))

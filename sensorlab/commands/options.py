@@ -39,6 +39,8 @@ a first session:
   python -m sensorid diagnose record.csv --model model.json --out gap
   python -m sensorid export gyro.json --to kalibr --out imu.yaml
 
+  python -m sensorid plan record.csv --target-rsd sigma_v=0.01
+
 record.csv has a header: time,error. model.json holds the hypotheses:
   {"dt": 0.1, "unit": "deg/h", "bias_sigma": 1.0, "hypotheses": [
     {"name": "random_walk", "parameters": {"sigma_w": [0.04, 0.15], "sigma_v": 0.5}},
@@ -83,7 +85,8 @@ def parser():
                     "Eqs. (3)-(14).",
         epilog="Without --model, priors come from sample characteristics "
                "of the record.")
-    one.add_argument("record", type=_file, help=RECORD)
+    one.add_argument("records", nargs="+", metavar="record", type=_file,
+                     help=RECORD + "; several, or a folder, give one table")
     one.add_argument("--model", type=_file, metavar="M.json",
                      help="hypotheses and priors")
     one.add_argument("--hypotheses", metavar="NAMES",
@@ -92,13 +95,16 @@ def parser():
     one.add_argument("--compose", action="store_true",
                      help="describe the record as a sum: a hypothesis and whatever of "
                           "quantization, bandwidth, flicker, lines ... it needs")
-    _record_options(one)
+    _record_options(one, several=True)
     _unit_options(one)
+    _several_options(one)
     one.add_argument("--json", type=_file, metavar="OUT.json",
                      help="write the result, with Phi, Gamma, H, Psi")
+    one.add_argument("--csv", type=_file, metavar="OUT.csv",
+                     help="write a table, a line for every record")
     one.add_argument("--save-model", type=_file, metavar="OUT.json",
-                     help="write the most probable model, "
-                          "ready for simulate and criteria")
+                     help="write the most probable model, ready for simulate and "
+                          "criteria; of several records OUT.NAME.json")
     one.add_argument("--plot", type=_file, metavar="OUT.png", help="draw the result")
 
     two = commands.add_parser(
@@ -150,7 +156,8 @@ def parser():
                "there.\n"
                "Without --model and --simulated, the simulator is white noise, random "
                "walk or\nMarkov process with priors from the record.")
-    four.add_argument("record", nargs="?", type=_file, help=RECORD)
+    four.add_argument("records", nargs="*", metavar="record", type=_file,
+                      help=RECORD + "; several, or a folder, give one table")
     four.add_argument("--effects", action="store_true",
                       help="define the effects that are looked for, and do no more")
     simulator = four.add_mutually_exclusive_group()
@@ -158,17 +165,52 @@ def parser():
                            help="the simulator")
     simulator.add_argument("--simulated", type=_file, metavar="FILE",
                            help="records of the simulator, error[L, N] or one column")
-    _record_options(four)
+    _record_options(four, several=True)
     _unit_options(four)
     four.add_argument("--covariates", metavar="NAMES",
                       help="columns beside the error, comma-separated, NAME or "
                            "NAME=COLUMN, such as temperature=temp_degC "
-                           "(default all, '' for none)")
+                           "(default all but other axes, '' for none); of another "
+                           "topic of the file, topic/field")
+    _several_options(four)
     four.add_argument("--seed", type=_seed, default=0,
                       help="of the simulated records, >= 0 (default 0)")
     four.add_argument("--out", type=_file, metavar="DIR",
                       help="folder for report.html, .png and .json and model.json, "
-                           "the simulator with the effects added")
+                           "the simulator with the effects added; of several records "
+                           "report.png, report.json, table.csv and their models")
+
+    six = commands.add_parser(
+        "plan", help="how long the sensor of a record must be recorded",
+        formatter_class=raw,
+        description="How well the parameters of the sensor of a record will be known by"
+                    " longer records,\nand which length a target takes.",
+        epilog="sensorid plan ten_minutes.csv --target-rsd tau_m=0.2 --duration 86400\n"
+               "Sensors are drawn from the posterior of the record under every "
+               "hypothesis, and\nlonger records of each. Without --model, priors are "
+               "those of the longer record.")
+    six.add_argument("records", nargs=1, metavar="record", type=_file, help=RECORD)
+    six.add_argument("--target-rsd", action="append", default=[], metavar="NAME=R",
+                     help="which length gives this relative standard deviation, such "
+                          "as tau_m=0.2; may be repeated")
+    six.add_argument("--duration", type=float, metavar="S",
+                     help="longest record in question, s (default 16 times this one)")
+    six.add_argument("--model", type=_file, metavar="M.json",
+                     help="hypotheses and priors")
+    six.add_argument("--hypotheses", metavar="NAMES",
+                     help="without --model: names, comma-separated, "
+                          "or all (default white_noise,random_walk,markov)")
+    six.add_argument("--trials", type=_count, default=100, metavar="L",
+                     help="sensors drawn for each hypothesis (default 100)")
+    six.add_argument("--seed", type=_seed, default=0,
+                     help="of the random numbers, >= 0 (default 0)")
+    _record_options(six)
+    six.set_defaults(report=None)
+    six.add_argument("--unit", metavar="U", help="unit of the record")
+    six.add_argument("--scale", type=_numbers, default=(1.0,), metavar="X",
+                     help="what the numbers of a record are multiplied by")
+    six.add_argument("--json", type=_file, metavar="OUT.json", help="write the result")
+    six.add_argument("--plot", type=_file, metavar="OUT.png", help="draw the result")
 
     three = commands.add_parser(
         "simulate", help="draw records from a model file", formatter_class=raw,
@@ -230,6 +272,14 @@ def _count(text):
     return int(text)
 
 
+def _numbers(text):
+    """Numbers of the command line, comma-separated."""
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is not a number") from None
+
+
 def _time(text):
     """A time of the command line, s."""
     try:
@@ -261,20 +311,33 @@ def _unit_options(parser):
     parser.add_argument("--unit", metavar="U",
                         help="unit of the record, such as deg/s or mg (milli-g): "
                              "parameters are quoted as data sheets do; a model in "
-                             "another unit has the record converted")
-    parser.add_argument("--scale", type=float, default=1.0, metavar="X",
+                             "another unit has the record converted; of gyroscopes and "
+                             "accelerometers deg/s,mg")
+    parser.add_argument("--scale", type=_numbers, default=(1.0,), metavar="X",
                         help="what the numbers of a record are multiplied by, such as "
-                             "the value of a count")
+                             "the value of a count; two for two units")
     parser.add_argument("--report", metavar="UNITS",
                         help="quote in these units, comma-separated, "
                              "such as 'deg/sqrt(h),deg/h'")
 
 
-def _record_options(parser):
+def _several_options(parser):
+    parser.add_argument("--workers", type=_count, metavar="N",
+                        help="processes that share several records (default: for "
+                             "diagnose one a core, for identify one, as a record uses "
+                             "all cores); the result does not depend on it")
+    parser.add_argument("--checkpoint", type=_file, metavar="FOLDER",
+                        help="keep the answers of finished records there; the same "
+                             "command takes up an interrupted run")
+
+
+def _record_options(parser, several=False):
     parser.add_argument("--column", "--channel", type=_file, default="error",
                         metavar="C",
                         help="column of the sensor error, such as gyro[0] or "
-                             "imu/angular_velocity/x (default error)")
+                             "imu/angular_velocity/x (default error)"
+                             + "; several by comma, gyro for all of its axes, all for "
+                               "those of the file" * several)
     parser.add_argument("--dt", type=float, metavar="S",
                         help="sampling interval, s "
                              "(default: from the clock of the record or the scalar dt)")

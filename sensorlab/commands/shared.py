@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import sys
 
 import numpy as np
@@ -10,8 +11,9 @@ import numpy as np
 from sensorid import write_whole
 from sensorlab.commands.cache import forgive
 from sensorlab.gap.report import finite
-from sensorlab.readers import read as read_source, read_rows
-from sensorlab.units import check_report, factor, quoted
+from sensorlab.readers import (
+    Unread, plain_name, read as read_source, read_axes, read_rows, unread)
+from sensorlab.units import check_report, factor, fits, kind_of, quoted
 
 
 forgive()
@@ -29,16 +31,70 @@ def read(options, model=None, beside=()):
     """The record that the options name, with further columns, at the sampling interval
     of the model if there is one.
     """
-    dt = options.dt
-    if dt is not None:
+    return _as_asked(read_source(
+        options.record, options.column, _interval(options, options.record, model),
+        options.resample, options.allow_missing, beside), options, model)
+
+
+def read_each(options, model=None, beside=()):
+    """The records of all sources and channels that the options name, in the unit that
+    they ask for; `Unread` where one of several is none.
+    """
+    found, sources = [], _sources(options.records)
+    for source in sources:
+        try:
+            found += read_axes(
+                source, options.column, _interval(options, source, model),
+                options.resample, options.allow_missing, beside)
+        except (ValueError, OSError) as problem:
+            found.append(unread(source, options.column, problem))
+    for number, one in enumerate(found):
+        if not isinstance(one, Unread):
+            try:
+                found[number] = in_unit(_as_asked(one, options, model), options, model)
+            except (ValueError, OSError) as problem:
+                found[number] = unread(one.file, one.column, problem)
+    problems = {getattr(one, "problem", None) for one in found}
+    if len(problems) == 1 and None not in problems:    # nothing else to be said
+        raise ValueError(*problems)
+    return found
+
+
+RECORDS = {".csv", ".txt", ".tsv", ".gz", ".bz2", ".xz", ".npy", ".npz", ".mat", ".h5",
+           ".hdf5", ".parquet", ".pq", ".bag", ".db3", ".mcap", ".ulg", ".bin"}
+
+
+def _sources(named):
+    """Files, those of a folder for its name, each once."""
+    result = []
+    for name in named:
+        folder = pathlib.Path(name)
+        if not folder.is_dir() or (folder / "metadata.yaml").is_file():    # of ROS 2
+            result.append(name)
+            continue
+        inside = sorted(str(f) for f in folder.iterdir()
+                        if f.suffix.lower() in RECORDS and f.name[0] != ".")
+        if not inside:
+            raise ValueError(f"{name}: no record in this folder")
+        result += inside
+    return list(dict.fromkeys(result))
+
+
+def _interval(options, source, model):
+    """The sampling interval to be taken, or None for that of the source."""
+    if options.dt is not None:
         refuse_unused(options, "resample", why="does nothing beside --dt, which takes "
                                                "the samples as even")
-    if dt is None and model and pathlib.Path(options.record).suffix.lower() == ".npy":
-        dt = model.dt
-    record = _part(read_source(options.record, options.column, dt, options.resample,
-                               options.allow_missing, beside), options)
+    elif model and pathlib.Path(source).suffix.lower() == ".npy":
+        return model.dt
+    return options.dt
+
+
+def _as_asked(record, options, model):
+    """The part of a record that is asked for, if it fits the model."""
+    record = _part(record, options)
     if model and abs(record.dt - model.dt) > 0.01 * model.dt:
-        raise ValueError(f"{options.record} is sampled at {record.dt:g} s, "
+        raise ValueError(f"{record.file} is sampled at {record.dt:g} s, "
                          f"but the model is for dt = {model.dt:g} s: "
                          "its noises per sample do not apply")
     return record
@@ -54,18 +110,22 @@ def _part(record, options):
         raise ValueError(f"--from, --to and --average {m} leave nothing of the "
                          f"{N * record.dt:g} s of {record.file}")
 
-    if (first, last, m) == (0, N, 1):
-        return record
+    return _averaged(record, m, slice(first, last))
 
-    def averaged(x):
-        x = x[first:last].reshape(-1, m)
+
+def _averaged(record, m, part):
+    """A part of a record, as means of m samples."""
+    def mean(x):
+        if m == 1:
+            return x[part]
+        x = x[part].reshape(-1, m)
         count = np.maximum((~np.isnan(x)).sum(1), 1)
         return np.where(np.isnan(x).all(1), np.nan, np.nansum(x, 1) / count)
     clock = record.clock or f"dt {record.dt:g} s"
     if m > 1:
         clock += f"; means of {m}, dt {m * record.dt:g} s"
-    return record._replace(error=averaged(record.error), dt=m * record.dt, clock=clock,
-                           columns={name: averaged(x)
+    return record._replace(error=mean(record.error), dt=m * record.dt, clock=clock,
+                           columns={name: mean(x)
                                     for name, x in record.columns.items()})
 
 
@@ -85,36 +145,71 @@ def check_memory(samples, records=1):
                           f"{8e-9 * samples * records:.3g} GB")
 
 
+GYRO = re.compile(r"gyr|angular|omega|(?:^|[/_.:])[gw]_?(?:[xyz]\b|RS)", re.I)
+ACCEL = re.compile(r"acc|(?:^|[/_.:])a_?(?:[xyz]\b|RS)", re.I)
+
+
+def _of_kind(values, option, record, options):
+    """The one of the values of an option that is for the sensor of this record."""
+    units = (options.unit or "").split(",")
+    if len(values) == 1:
+        return values[0]
+    kinds = [kind_of(unit) for unit in units] if options.unit else []
+    if sorted(kinds) != ["accelerometer", "gyroscope"] or len(values) != 2:
+        raise ValueError(f"--{option} has {len(values)} values: one is needed, or two "
+                         "beside --unit of a gyroscope and of an accelerometer, such "
+                         "as --unit deg/s,mg")
+    for kind, known in (("gyroscope", GYRO), ("accelerometer", ACCEL)):
+        if known.search(record.column):
+            return values[kinds.index(kind)]
+    raise ValueError(f"{record.column} may be a gyroscope or an accelerometer: give "
+                     f"one --{option}")
+
+
 def in_unit(record, options, model=None):
-    """The record times --scale, in the unit of the model if it has one, and the unit.
+    """The record times --scale, in the unit of the model if it has one.
 
     The unit is that of the model, else --unit, else that of the file, else "u".
     """
-    if not (np.isfinite(options.scale) and options.scale):
-        raise ValueError(f"--scale is {options.scale:g}: a finite number other than 0 "
-                         "is needed")
-    unit, times = options.unit or record.unit or "u", options.scale
+    times = _of_kind(options.scale, "scale", record, options)
+    if not (np.isfinite(times) and times):
+        raise ValueError(f"--scale is {times:g}: a finite number other than 0 is "
+                         "needed")
+    given = options.unit and _of_kind(options.unit.split(","), "unit", record, options)
+    unit = given or record.unit or "u"
     if model and model.unit != "u":
-        if options.unit:
-            times *= factor(options.unit, model.unit)
+        if given:
+            times *= factor(given, model.unit)
         unit = model.unit
     if options.unit or options.report:
         if unit == "u":
             raise ValueError("--report needs the unit of the record: "
                              "give it with --unit")
-        check_report(unit, _report(options))
-    return record._replace(error=times * record.error), unit
+    record = record._replace(error=times * record.error, unit=unit)
+    if options.unit or options.report:
+        if unit == "u":
+            raise ValueError("--report needs the unit of the record: "
+                             "give it with --unit")
+        check_report(unit, report_units(options, record))
+    return record
 
 
-def as_quoted(parameters, dt, unit, options):
+def report_units(options, record):
+    """Units to quote parameters in, beside the usual ones; None if none are quoted.
+
+    Where there are records of two kinds, those that fit this one.
+    """
+    if isinstance(record, Unread) or not (options.unit or options.report):
+        return None
+    wanted = [part for part in (options.report or "").split(",") if part]
+    return [r for r in wanted
+            if "," not in (options.unit or "") or fits(r, record.unit)]
+
+
+def as_quoted(parameters, record, options):
     """Parameters as the field quotes them, if --unit or --report asks for it."""
-    if not (options.unit or options.report):
-        return ()
-    return quoted(parameters, dt, unit, _report(options))
-
-
-def _report(options):
-    return [part for part in (options.report or "").split(",") if part]
+    wanted = report_units(options, record)
+    return () if wanted is None else quoted(parameters, record.dt, record.unit, wanted)
 
 
 def refuse_effects(file, model):
@@ -122,6 +217,23 @@ def refuse_effects(file, model):
     if model and model.simulator.effects:
         raise ValueError(f"{file} has effects: only simulate and diagnose know them, "
                          "take them out for anything else")
+
+
+def targets(option, texts, most=1000):
+    """Sorted numbers by name from texts NAME=V,V,..."""
+    result = {}
+    for text in texts:
+        name, _, values = text.rpartition("=")
+        try:
+            numbers = sorted(float(v) for v in values.split(","))
+        except ValueError:
+            numbers = []
+        if (not name or name in result or not 1 <= len(numbers) <= most
+                or not all(0.0 < v < np.inf for v in numbers)):
+            raise ValueError(f"{option} {text}: NAME=NUMBER is needed, once for each "
+                             "name, and numbers > 0")
+        result[name] = numbers
+    return result
 
 
 PICTURES = ".png", ".pdf", ".svg", ".jpg"
@@ -134,6 +246,7 @@ def check_outputs(inputs, *outputs, plot=None):
     outputs = [file for file in (*outputs, plot) if file is not None]
     taken = {os.path.realpath(file) for file in inputs if file}
     for file in outputs:
+        refuse_link(file)
         if os.path.realpath(file) in taken:
             raise ValueError(f"{file} is named twice: "
                              "an output must be a file of its own")
@@ -145,8 +258,19 @@ def check_outputs(inputs, *outputs, plot=None):
                              "no such folder, or no right to")
 
 
+def refuse_link(file):
+    """Refuse to write through a link to a file, or to one that may be; devices such as
+    /dev/stdout are linked.
+    """
+    target = os.path.realpath(file)
+    if os.path.islink(file) and (os.path.isfile(target) or not os.path.exists(target)):
+        raise ValueError(f"{file} is a link to {target}: links are not followed, name "
+                         "the file itself")
+
+
 def write_text(file, text):
     """Write a text whole or not at all."""
+    refuse_link(file)
     write_whole(file, lambda stream: stream.write(text.encode()))
 
 
@@ -155,11 +279,24 @@ def write_json(file, value):
     write_text(file, json.dumps(finite(value), indent=1, allow_nan=False))
 
 
-def simulated_records(options, dt):
-    """Records (L, N) of the simulator behind --simulated."""
-    records = read_rows(options.simulated, options.dt)
-    own = records[0].dt
-    if abs(own - dt) > 0.01 * dt:
+def simulated_records(options, record):
+    """Records (L, N) of the simulator behind --simulated, for a record in the unit of
+    that record.
+
+    A column of the same name is a recording of the same kind: it is averaged and scaled
+    as the record. Rows of `error`, and what says its own unit, are taken as they are.
+    """
+    rows = read_rows(options.simulated, record.column, options.dt)
+    recorded = plain_name(rows[0].column) == plain_name(record.column) != "error"
+    if recorded:
+        m = options.average
+        rows = [_averaged(row, m, slice(0, len(row.error) // m * m)) for row in rows]
+    own = rows[0].dt
+    if abs(own - record.dt) > 0.01 * record.dt:
         raise ValueError(f"{options.simulated} is sampled at {own:g} s, the record at "
-                         f"{dt:g} s")
-    return np.array([record.error for record in records])
+                         f"{record.dt:g} s")
+    if rows[0].unit and record.unit != "u":
+        times = factor(rows[0].unit, record.unit)
+    else:
+        times = _of_kind(options.scale, "scale", record, options) if recorded else 1.0
+    return np.array([times * row.error for row in rows])

@@ -1,7 +1,9 @@
-"""Recordings of any source behind one door: `read`.
+"""Recordings of any source behind one door: `read`; of several axes: `read_axes`.
 
     clocks       time stamps -> an even sampling interval
     channels     one row of numbers among the arrays of a source
+    axes         which of them are the axes of a sensor
+    covariates   what was recorded beside a channel
     messages     the messages of a log as arrays
     arrays       .npy, .npz
     text         CSV and its dialects
@@ -18,11 +20,25 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorlab.printable import printable
-from sensorlab.readers import apart, arrays, channels, clocks, objects, text
+from sensorlab.readers import (
+    apart, arrays, axes, channels, clocks, covariates, objects, text)
 
 APART = {".mat": "matlab", ".h5": "matlab", ".hdf5": "matlab", ".parquet": "parquet",
          ".pq": "parquet", ".bag": "rosbag", ".db3": "rosbag", ".mcap": "rosbag",
          ".ulg": "px4", ".bin": "ardupilot"}
+
+
+class Unread(NamedTuple):
+    """A channel of a source that is no record."""
+
+    file: str
+    column: str
+    problem: str    # what is wrong with it, in a sentence
+
+
+def unread(file, column, problem):
+    """`Unread`, as it may be shown."""
+    return Unread(*map(printable, (file, column, problem)))
 
 
 class Recording(NamedTuple):
@@ -35,6 +51,7 @@ class Recording(NamedTuple):
     columns: dict = {}   # what was recorded beside it, if asked for
     unit: str = ""       # u, where the source says it
     clock: str = ""      # where dt comes from, in words
+    axes: tuple = ()     # further columns that are none of these: other axes
 
     @property
     def heading(self):
@@ -58,14 +75,16 @@ def read(source, channel="error", dt=None, resample=False, allow_missing=False,
         is that of the samples.
     dt : float, optional
         Sampling interval, s. By default it comes from the time stamps or from a scalar
-        `dt`; if given, the samples count as evenly spaced and no stamp is read.
+        `dt`; if given, the samples count as evenly spaced, unless even stamps say
+        something else.
     resample : bool
         Interpolate an unevenly sampled record linearly onto even times.
     allow_missing : bool
         Take NaN, masked and empty values as missing samples.
     beside : sequence of str, or None
-        Further columns wanted, as NAME or as NAME=COLUMN to give one another name; None
-        for all that hold numbers. Where samples are missing they are interpolated.
+        Further columns wanted, as NAME or as NAME=COLUMN to give one another name; of
+        other topics as topic/field. None for all that hold numbers but, beside an axis
+        of a sensor, the other axes. Where samples are missing they are interpolated.
 
     Returns
     -------
@@ -79,28 +98,67 @@ def read(source, channel="error", dt=None, resample=False, allow_missing=False,
     """
     origin, groups = _opened(source)
     try:
-        return _recording(origin, _channel(groups, channel), dt, resample,
+        return _recording(origin, groups, _channel(groups, channel), dt, resample,
                           allow_missing, beside)
     except ValueError as problem:
         raise ValueError(f"{origin}: {problem}") from None
 
 
-def read_rows(source, dt=None):
-    """Recordings of all rows of the array `error`, or of the one column of that name.
+def read_axes(source, channel="all", dt=None, resample=False, allow_missing=False,
+              beside=None):
+    """`Recording`s of several channels of a source, which is opened once.
+
+    Parameters are those of `read`, but `channel` may be names, comma-separated, the
+    name of an array, a topic or a message for all its axes, or "all". What is wrong
+    with one of several channels is returned in its place, as `Unread`.
     """
     origin, groups = _opened(source)
     try:
-        rows = [c for group in groups for c in channels.channels(group)
-                if c.array == "error"] or [_channel(groups, "error")]
-        return [_recording(origin, c, dt, False, True, ()) for c in rows]
+        found = ([_channel(groups, channel)] if channel == "error" and _alone(groups)
+                 else axes.find_several(groups, channel))
+    except ValueError as problem:
+        raise ValueError(f"{origin}: {problem}") from None
+    result = []
+    for one in found:
+        try:
+            result.append(_recording(origin, groups, one, dt, resample, allow_missing,
+                                     beside))
+        except ValueError as problem:
+            result.append(unread(origin, one.name, f"{origin}: {problem}"))
+    return result
+
+
+def read_rows(source, channel="error", dt=None):
+    """Recordings of the channel of this name or, where there is none, of all rows of
+    the array `error`.
+    """
+    origin, groups = _opened(source)
+    try:
+        try:
+            rows = [_channel(groups, channel)]
+        except ValueError:
+            rows = []
+        if not rows or rows[0].array == "error":
+            rows = ([_channel(groups, "error")] if _alone(groups) else
+                    axes.find_several(groups, "error"))
+        return [_recording(origin, groups, c, dt, False, True, ()) for c in rows]
     except ValueError as problem:
         raise ValueError(f"{origin}: {problem}") from None
 
 
+def plain_name(column):
+    """The name of a column without its unit."""
+    return channels.UNIT.sub("", column)
+
+
 def _channel(groups, wanted):
+    return channels.find(groups, (wanted == "error" and _alone(groups)) or wanted)
+
+
+def _alone(groups):
+    """Name of the only channel that there is, or None."""
     every = [c for group in groups for c in channels.channels(group)]
-    alone = len(every) == 1 and wanted == "error"
-    return channels.find(groups, every[0].name if alone else wanted)
+    return every[0].name if len(every) == 1 else None
 
 
 def _opened(source):
@@ -126,26 +184,25 @@ def _opened(source):
                          ) from None
 
 
-def _recording(origin, channel, dt, resample, allow_missing, beside):
+def _recording(origin, groups, channel, dt, resample, allow_missing, beside):
     from sensorid import check_record    # not for the readers in their own processes
     error = channel.values.astype(float)
-    columns = {name: x for name, x in channels.beside(channel, beside).items()
-               if beside is not None or not np.isnan(x).all()}
+    columns, others = covariates.beside(groups, channel, beside)
+    if beside is None:
+        columns = {name: x for name, x in columns.items() if not np.isnan(x).all()}
     for name, x in {channel.name: error, **columns}.items():
         holes = int(np.isnan(x).sum())
         if holes and not allow_missing:
             raise ValueError(f"{name} holds {holes} NaN or empty values, the first at "
                              f"sample {np.argmax(np.isnan(x))}; --allow-missing takes "
                              "them as missing")
-    if dt is None:
-        clock = _clock(channel, resample)
-    else:
-        clock = clocks.Clock(float(dt), f"dt {clocks.duration(dt)} as given")
+    clock = _clock(channel, resample) if dt is None else _given(channel, dt)
     even = clock.placed(error)
     check_record(even, clock.dt)
     columns = {printable(name): _filled(clock.placed(x)) for name, x in columns.items()}
     return Recording(printable(origin), printable(channel.name), even, float(clock.dt),
-                     columns, printable(channel.unit), printable(clock.said))
+                     columns, printable(channel.unit), printable(clock.said),
+                     tuple(map(printable, others)))
 
 
 def _filled(x):
@@ -160,29 +217,43 @@ def _filled(x):
 def _clock(channel, resample):
     """The clock of a channel's group: its stamps or its scalar dt, which must agree."""
     group, samples = channel.group, len(channel.values)
-    names = [name for name in group.arrays if clocks.unit_of(name) is not None]
-    names.sort(key=lambda name: (name != group.clock, name != "time"))
-    fitting = [n for n in names if group.arrays[n].shape in ((samples,), (samples, 1),
-                                                             (1, samples))]
-    own = None
-    if "dt" in group.arrays and not (fitting and group.arrays["dt"].size == samples):
+    stamps, own = clocks.stamps(group.arrays, group.clock, samples), None
+    if "dt" in group.arrays and not (stamps and group.arrays["dt"].size == samples):
         own = _number("dt", group.arrays["dt"])
-    if names and not fitting and own is None:
-        raise ValueError(f"{group.arrays[names[0]].size} times in {names[0]} for "
-                         f"{samples} samples of {channel.name}")
-    if fitting:
-        stamps = group.arrays[fitting[0]].ravel()
-        if fitting[0] in group.refused and stamps.dtype.kind == "f":
-            raise ValueError(group.refused[fitting[0]])
-        clock = clocks.clock(printable(fitting[0]), stamps, resample)
-        if own is not None and not abs(clock.dt - own) <= 0.01 * own:
-            raise ValueError(f"{fitting[0]} says dt = {clock.dt:g} s, but the scalar "
-                             f"dt is {own:g} s: leave one out, or give --dt")
+    if stamps:
+        name, times = stamps
+        if name in group.refused and times.dtype.kind == "f":
+            raise ValueError(group.refused[name])
+        clock = clocks.clock(printable(name), times, resample)
+        if own is not None and not abs(clock.dt - own) <= SAME * own:
+            raise ValueError(f"{name} says dt = {clock.dt:g} s, but the scalar "
+                             f"dt is {own:g} s: leave one out")
         return clock
     if own is None:
+        for name, x in group.arrays.items():
+            if clocks.unit_of(name) is not None:
+                raise ValueError(f"{x.size} times in {name} for {samples} samples of "
+                                 f"{channel.name}")
         raise ValueError("neither a column time nor dt: give the sampling interval "
                          "with --dt")
     return clocks.Clock(own, f"dt {clocks.duration(own)}")
+
+
+SAME = 0.01    # relative: two sampling intervals that are the same
+
+
+def _given(channel, dt):
+    """The clock of a sampling interval that was given, if no even stamps disagree."""
+    stamps = clocks.stamps(channel.group.arrays, channel.group.clock,
+                           len(channel.values))
+    try:
+        clock = stamps and clocks.clock(printable(stamps[0]), stamps[1])
+    except ValueError:    # it is given because they tell nothing
+        clock = None
+    if clock and not abs(clock.dt - dt) <= SAME * clock.dt:
+        raise ValueError(f"{stamps[0]} says dt = {clock.dt:g} s, but {dt:g} s is given:"
+                         " leave one of the two out")
+    return clocks.Clock(float(dt), f"dt {clocks.duration(dt)} as given")
 
 
 def _number(name, x):

@@ -73,37 +73,37 @@ def find(groups, wanted):
         If there is none, or more than one; says which there are.
     """
     every = [c for group in groups for c in channels(group)]
-    for names in (lambda c: (_path(c.name), (c.array,)),
-                  lambda c: (_path(UNIT.sub("", c.name)), (UNIT.sub("", c.array),)),
-                  lambda c: _ends(_path(c.name))):
-        fitting = [c for c in every if {_path(wanted), (wanted,)} & {*names(c)}]
+    for names in (lambda c: (path(c.name), (c.array,)),
+                  lambda c: (path(UNIT.sub("", c.name)), (UNIT.sub("", c.array),)),
+                  lambda c: ends(path(c.name))):
+        fitting = [c for c in every if {path(wanted), (wanted,)} & {*names(c)}]
         if len(fitting) == 1:
             return _readable(fitting[0])
         if fitting:
-            raise ValueError(f"{wanted} may be {_listed(fitting)}: choose one with "
+            raise ValueError(f"{wanted} may be {listed(fitting)}: choose one with "
                              "--channel")
     parent, number = re.fullmatch(r"(.*?)(?:\[(\d{1,9})\])?", wanted, re.S).groups()
-    members = [c for c in every if _path(parent) in (
-        *_ends(_path(c.name)[:-1]), *_ends(_path(INDEX.sub("", c.name))))]
+    members = [c for c in every if path(parent) in (
+        *ends(path(c.name)[:-1]), *ends(path(INDEX.sub("", c.name))))]
     if number and int(number) < len(members):
         return _readable(members[int(number)])
     if members:
-        raise ValueError(f"{wanted} is not one of {_listed(members)}: choose one with "
+        raise ValueError(f"{wanted} is not one of {listed(members)}: choose one with "
                          "--channel")
     known = [c.name for c in every]
     near = difflib.get_close_matches(wanted, known, 1)
     shown = [c for c in every if unit_of(c.array) is None]
-    raise ValueError(f"no column {wanted!r} among {_listed(shown) or 'none'}"
+    raise ValueError(f"no column {wanted!r} among {listed(shown) or 'none'}"
                      + (f" (did you mean {near[0]}?)" if near else "")
                      + "; choose one with --channel")
 
 
-def _path(name):
+def path(name):
     """The parts of a path with / or dots."""
     return tuple(re.split("[/.]", name.strip("/")))
 
 
-def _ends(path):
+def ends(path):
     """A path and all that it ends with: a b c, b c, c."""
     return [path[k:] for k in range(len(path))]
 
@@ -111,7 +111,8 @@ def _ends(path):
 SHOWN = 24    # names in a message
 
 
-def _listed(some):
+def listed(some):
+    """Names of channels, as many as a message holds."""
     names = [c.name for c in some]
     return ", ".join(names[:SHOWN]) + (
         f", ... ({len(names)} in all)" if len(names) > SHOWN else "")
@@ -121,47 +122,12 @@ def _readable(channel):
     """The channel, if it can be read and holds numbers."""
     if channel.array in channel.group.refused:
         raise ValueError(channel.group.refused[channel.array])
-    if not _real(channel.values):
+    if not real(channel.values):
         raise ValueError(f"{channel.name} holds {channel.values.dtype}: "
                          "real numbers are needed")
     return channel
 
 
-def _real(x):
+def real(x):
+    """Does an array hold real numbers?"""
     return x.dtype.kind in "iuf"
-
-
-def beside(channel, wanted=None):
-    """What was recorded beside a channel: dict of name -> (N,) array of float.
-
-    Wanted are names, NAME=COLUMN to give another name, or None for all that hold
-    numbers. Units are no part of the names. Of an array of the same shape it is the
-    same axis.
-    """
-    group, samples = channel.group, len(channel.values)
-    shape = group.arrays[channel.array].shape
-    found = {}
-    for c in channels(group):
-        if (c.array == channel.array or c.array in group.refused
-                or not _real(c.values) or len(c.values) != samples
-                or c.array == group.clock or unit_of(c.array) is not None):
-            continue
-        same = len(shape) == 2 and group.arrays[c.array].shape == shape
-        if not same or c.axis == channel.axis:
-            name = c.array if same else c.name.removeprefix(f"{group.name}/")
-            short = UNIT.sub("", name)
-            found[name if short in found else short] = c.values.astype(float)
-    if wanted is None:
-        return found
-    chosen = {}
-    for part in wanted:
-        new, _, old = part.rpartition("=")
-        if old in group.refused:
-            raise ValueError(group.refused[old])
-        if old not in found:
-            old = UNIT.sub("", old)
-        if old not in found:
-            raise ValueError(f"no column {old!r} of {samples} numbers beside "
-                             f"{channel.name}; there are {', '.join(found) or 'none'}")
-        chosen[new or old] = found[old]
-    return chosen

@@ -145,12 +145,34 @@ def _in_bursts(t, step):
                      f"usually {duration(usual)} apart, up to {off:.2g} s off")
 
 
+def stamps(arrays, known, samples):
+    """(name, stamps) of the clock among the arrays of a group: the one that is known,
+    else by its name; None where none has as many stamps as there are samples.
+    """
+    names = [name for name, x in arrays.items() if unit_of(name) is not None
+             and x.shape in ((samples,), (samples, 1), (1, samples))]
+    names.sort(key=lambda name: (name != known, name != "time"))
+    return (names[0], arrays[names[0]].ravel()) if names else None
+
+
 def in_seconds(name, time):
     """Stamps in s after the first, and what they are in words.
 
     A unit is taken from the name; without one an epoch is known by its size, whole
     numbers with steps of 1000 and more are us, from 10^6 on ns, all else is s.
     """
+    time, scale, source = _counted(name, time)
+    return (time - time[:1]).astype(float) * scale, source
+
+
+def since_zero(name, time):
+    """Stamps in s since the zero of their clock."""
+    time, scale, _ = _counted(name, time)
+    return time.astype(float) * scale
+
+
+def _counted(name, time):
+    """Stamps as numbers, their unit in s, and what they are in words."""
     if time.dtype.kind not in "iufM":
         time = _dates(name, time)
     dates = time.dtype.kind == "M"
@@ -166,7 +188,7 @@ def in_seconds(name, time):
         source = name if unit_of(name) or unit == "s" else f"{name}, taken as {unit}"
     if time.dtype.kind == "u":
         time = time.astype(np.int64)
-    return (time - time[:1]).astype(float) * scale, source
+    return time, scale, source
 
 
 def _dates(name, texts):

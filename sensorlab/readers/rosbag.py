@@ -8,7 +8,7 @@ from sensorlab.readers.messages import collect, collected
 
 MAX_MESSAGE, MAX_VECTOR = 4096, 8    # bytes, numbers: longer ones are pictures, clouds,
                                      # maps and covariances
-STAMP, RECEIVED = "header/stamp [ns]", "received [ns]"
+STAMP, RECEIVED = "header/stamp [ns]", "received/stamp [ns]"
 
 
 def read(file):

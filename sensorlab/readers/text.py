@@ -37,6 +37,7 @@ class Dialect(NamedTuple):
 
 
 def read(file):
+    _check_size(file)
     with _opened(file) as stream:
         lines = [stream.readline(LONG) for _ in range(SNIFFED)]
     dialect = _dialect(lines)
@@ -52,34 +53,27 @@ def read(file):
     return [Group(arrays, refused=refused)]
 
 
+def _check_size(file):
+    """Refuse a packed file that holds more than it may, before any of it is kept."""
+    kind = file.suffix.lower()
+    if kind in PACKED:
+        left = MAX_BYTES
+        with PACKED[kind](file) as stream:
+            while part := stream.read(2**20):
+                left -= len(part)
+                if left < 0:
+                    raise ValueError(f"unpacks to more than {MAX_BYTES / 2**30:.3g} "
+                                     "GiB")
+
+
 def _opened(file):
     """The text of a file, unpacked."""
     kind = file.suffix.lower()
-    stream = _Limited(PACKED[kind](file)) if kind in PACKED else open(file, "rb")
+    stream = PACKED[kind](file) if kind in PACKED else open(file, "rb")
     start = stream.read(2)
     stream.seek(0)
     encoding = ("utf-16" if start in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     return io.TextIOWrapper(stream, encoding, errors="replace", newline="")
-
-
-class _Limited(io.BufferedReader):
-    """A packed stream that ends with a sentence where it holds more than it may."""
-
-    def __init__(self, stream):
-        super().__init__(stream)
-        self.left = MAX_BYTES
-
-    def read(self, size=-1):
-        return self._counted(super().read(size))
-
-    def read1(self, size=-1):
-        return self._counted(super().read1(size))
-
-    def _counted(self, part):
-        self.left -= len(part)
-        if self.left < 0:
-            raise ValueError(f"unpacks to more than {MAX_BYTES / 2**30:.3g} GiB")
-        return part
 
 
 def _cells(line, separator):

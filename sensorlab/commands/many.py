@@ -1,0 +1,78 @@
+"""What identify and diagnose do for several records."""
+
+import functools
+import pathlib
+import re
+
+from sensorlab.commands.cache import forgive
+from sensorlab.commands.shared import (
+    check_outputs, progress_bar, write_json, write_text)
+from sensorlab.drawings import save
+from sensorlab.several import many
+from sensorlab.several.picture import draw_several
+from sensorlab.several.pool import cores, workers
+from sensorlab.several.tables import names, told
+from sensorlab.tables import show
+
+
+def answers(options, calls, usual=None):
+    """`Several` of calls (work, record, ...), by --workers processes, usually one for
+    every core.
+    """
+    if options.checkpoint is not None:
+        check_folder(options.checkpoint)
+    number = min(options.workers or usual or cores(), len(calls))
+    with workers(number, functools.partial(forgive, silent=True)) as executor:
+        return many(calls, executor, options.checkpoint, progress_bar)
+
+
+def check_folder(folder):
+    """Refuse a folder that cannot be written to."""
+    folder = pathlib.Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file: a folder is needed")
+    if not folder.is_dir():
+        check_outputs([], folder)
+
+
+def write_table(file, several):
+    """The rows as CSV."""
+    write_text(file, several.frame.to_csv(index=False))
+
+
+def write_answers(file, several):
+    """All answers, and what they have in common, as JSON."""
+    called = names(several.rows)
+    write_json(file, dict(
+        records=[dict(row.answer or dict(record=dict(file=row.file, column=row.column)),
+                      name=name, unit=row.unit, problem=row.problem or None)
+                 for name, row in zip(called, several.rows)],
+        common=[dict(c._asdict(), records=[called[n] for n in c.records])
+                for c in several.common]))
+
+
+def write_models(stem, several):
+    """The model of every record, in a file of its own: STEM.NAME.json; their names."""
+    written, called = [], names(several.rows)
+    plain = [re.sub(r"[^\w.\-\[\]]", "_", name) for name in called]
+    for number, row in enumerate(several.rows):
+        if not row.problem:
+            name = plain[number] + f"_{number}" * (plain.count(plain[number]) > 1)
+            written.append(f"{stem}.{name}.json")
+            write_text(written[-1], row.model)
+    return written
+
+
+def write_picture(file, several):
+    """One figure of all that gave an answer; none where no record did."""
+    if any(not row.problem for row in several.rows):
+        save(draw_several(several.rows), file)
+
+
+def conclude(several):
+    """Print the table; refuse in the end if a record gave no answer."""
+    show(*told(several))
+    bad = [name for name, row in zip(names(several.rows), several.rows) if row.problem]
+    if bad:
+        raise ValueError(f"{len(bad)} of {len(several.rows)} records gave no answer: "
+                         + ", ".join(bad[:6]) + ", ..." * (len(bad) > 6))

@@ -1,0 +1,92 @@
+"""What was recorded beside a channel: in its own table or message, or in others, by
+their clocks.
+"""
+
+import numpy as np
+
+from sensorlab.readers.axes import vectors
+from sensorlab.readers.channels import UNIT, channels, find, real
+from sensorlab.readers.clocks import since_zero, stamps, unit_of
+
+NAMED = {"temperature", "rate", "acceleration"}    # that effects are looked for by
+UNCOVERED = 0.1    # of a record: a column of another clock that leaves more of it out
+                   # is none
+
+
+def beside(groups, channel, wanted=None):
+    """What was recorded beside a channel: dict of name -> (N,) array of float, and the
+    names of other axes, which are not among them unless they are wanted.
+
+    Wanted are names, NAME=COLUMN to give another name, or None for all of the same
+    group that hold numbers. Units are no part of the names. Of an array of the same
+    shape it is the same axis.
+    """
+    own, axes = _of_group(channel)
+    if wanted is None:
+        return {name: x for name, x in own.items() if name not in axes}, axes
+    chosen = {}
+    for part in wanted:
+        new, _, old = part.rpartition("=")
+        if old in channel.group.refused:
+            raise ValueError(channel.group.refused[old])
+        short = old if old in own else UNIT.sub("", old)
+        if short in own:
+            chosen[new or short] = own[short]
+        else:
+            name, x = _of_another(groups, channel, old, own)
+            chosen[new or name] = x
+    return chosen, ()
+
+
+def _of_group(channel):
+    """Columns of the channel's own group, and which of them are other axes."""
+    group, samples = channel.group, len(channel.values)
+    shape = group.arrays[channel.array].shape
+    every = list(channels(group))
+    of_axes = {name for one in vectors([c.name for c in every]) for name in one}
+    is_axis = channel.name in of_axes and channel.array != "error"
+    found, axes = {}, []
+    for c in every:
+        if (c.array == channel.array or c.array in group.refused
+                or not real(c.values) or len(c.values) != samples
+                or c.array == group.clock or unit_of(c.array) is not None):
+            continue
+        same = len(shape) == 2 and group.arrays[c.array].shape == shape
+        if not same or c.axis == channel.axis:
+            name = c.array if same else c.name.removeprefix(f"{group.name}/")
+            short = UNIT.sub("", name)
+            name = name if short in found else short
+            found[name] = c.values.astype(float)
+            if is_axis and c.name in of_axes and name not in NAMED:
+                axes.append(name)
+    return found, tuple(axes)
+
+
+def _of_another(groups, channel, wanted, own):
+    """Name and values of a channel on another clock, at the times of this one."""
+    try:
+        other = find([g for g in groups if g is not channel.group], wanted)
+    except ValueError as problem:
+        raise ValueError(
+            f"no column {wanted!r} of {len(channel.values)} numbers beside "
+            f"{channel.name}; there are {', '.join(own) or 'none'}"
+            + (f"; in other topics: {problem}" if len(groups) > 1 else "")) from None
+    t, s = (_times(c) for c in (channel, other))
+    x, order = other.values.astype(float), np.argsort(s, kind="stable")
+    order = order[~np.isnan(x[order])]
+    if not len(order):
+        raise ValueError(f"{other.name} holds no numbers")
+    outside = np.mean((t < s[order[0]]) | (t > s[order[-1]]))
+    if outside > UNCOVERED:
+        raise ValueError(f"{other.name} was not recorded in {100 * outside:.0f} % of "
+                         f"the time of {channel.name}: it tells nothing there")
+    return UNIT.sub("", other.array), np.interp(t, s[order], x[order])
+
+
+def _times(channel):
+    """When the samples of a channel were taken, s, as its clock counts."""
+    clock = stamps(channel.group.arrays, channel.group.clock, len(channel.values))
+    if not clock:
+        raise ValueError(f"{channel.name} has no clock: columns of other topics are "
+                         "taken by their time")
+    return since_zero(*clock)
