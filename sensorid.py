@@ -100,8 +100,8 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numpy as np
 from numba import njit, prange
-from scipy.optimize import isotonic_regression
-from scipy.special import ndtri
+from scipy.optimize import brentq, isotonic_regression
+from scipy.special import chdtri, gammaln, ndtr, ndtri
 
 __all__ = [
     "MODELS", "ShapingFilter", "shaping_filter", "Parameter", "Hypothesis",
@@ -198,37 +198,48 @@ def shaping_filter(Phi, Gamma, H, Psi=0.0, m0=None, P0=None):
     return ShapingFilter(Phi, Gamma, H, np.atleast_1d(np.array(Psi, float)), m0, P0)
 
 
+def _sum_of(sigma_v, *processes):
+    """Independent one-state processes in white noise; of each the transition factor,
+    the standard deviation of w and the variance of x_0: numbers, or columns (M, 1).
+    """
+    n = len(processes)
+    shape = np.broadcast_shapes((1,), *(np.shape(v) for one in processes for v in one))
+    Phi, Gamma, P0 = diagonals = np.zeros((3, *shape, n, n))
+    for s, process in enumerate(processes):
+        for diagonal, value in zip(diagonals, process):
+            diagonal[..., s, s] = value
+    return ShapingFilter(Phi, Gamma, np.ones((1, n)), np.array(sigma_v, float, ndmin=1),
+                         np.zeros(n), P0[..., 0, :, :])
+
+
+def _markov(dt, tau_m, sigma_m):
+    drive = sigma_m * np.sqrt(-np.expm1(-2.0 * dt / tau_m))
+    return np.exp(-dt / tau_m), drive, sigma_m**2
+
+
 def white_noise(dt, sigma_v):
     """White noise alone, Eq. (23) without a correlated part."""
-    return shaping_filter([[0.0]], [[0.0]], [1.0], sigma_v)
+    return _sum_of(sigma_v, (0.0, 0.0, 0.0))
 
 
 def random_walk(dt, sigma_w, sigma_v=0.0):
     """Random walk from 0, Eq. (21); sigma_w per sample."""
-    return shaping_filter([[1.0]], [[sigma_w]], [1.0], sigma_v)
+    return _sum_of(sigma_v, (1.0, sigma_w, 0.0))
 
 
 def markov(dt, tau_m, sigma_m, sigma_v=0.0):
     """First-order Markov process in its steady state, Eq. (22)."""
-    a = np.exp(-dt / tau_m)
-    drive = sigma_m * np.sqrt(-np.expm1(-2.0 * dt / tau_m))
-    return shaping_filter([[a]], [[drive]], [1.0], sigma_v, P0=[[sigma_m**2]])
+    return _sum_of(sigma_v, _markov(dt, tau_m, sigma_m))
 
 
 def random_walk_markov(dt, sigma_w, tau_m, sigma_m, sigma_v=0.0):
     """Random walk plus first-order Markov process."""
-    m = markov(dt, tau_m, sigma_m)
-    return shaping_filter(np.diag([1.0, m.Phi[0, 0, 0]]),
-                          np.diag([sigma_w, m.Gamma[0, 0, 0]]),
-                          [1.0, 1.0], sigma_v, P0=np.diag([0.0, sigma_m**2]))
+    return _sum_of(sigma_v, (1.0, sigma_w, 0.0), _markov(dt, tau_m, sigma_m))
 
 
 def two_markov(dt, tau_m, sigma_m, tau_n, sigma_n, sigma_v=0.0):
     """Two first-order Markov processes."""
-    m, n = markov(dt, tau_m, sigma_m), markov(dt, tau_n, sigma_n)
-    return shaping_filter(np.diag([m.Phi[0, 0, 0], n.Phi[0, 0, 0]]),
-                          np.diag([m.Gamma[0, 0, 0], n.Gamma[0, 0, 0]]),
-                          [1.0, 1.0], sigma_v, P0=np.diag([sigma_m**2, sigma_n**2]))
+    return _sum_of(sigma_v, _markov(dt, tau_m, sigma_m), _markov(dt, tau_n, sigma_n))
 
 
 def rate_ramp(dt, slope, sigma_w=0.0, sigma_v=0.0):
@@ -237,8 +248,8 @@ def rate_ramp(dt, slope, sigma_w=0.0, sigma_v=0.0):
                           sigma_v, m0=[0.0, slope])
 
 
-MODELS = {model.__name__: model for model in (
-    white_noise, random_walk, markov, random_walk_markov, two_markov, rate_ramp)}
+SUMS = white_noise, random_walk, markov, random_walk_markov, two_markov
+MODELS = {model.__name__: model for model in (*SUMS, rate_ramp)}
 
 
 class Parameter(NamedTuple):
@@ -655,10 +666,9 @@ def grid(h, dt, nodes, box=None):
     >>> g.coordinate.shape[1], float(np.exp(g.coordinate).max().round(3))
     (1, 0.6)
     """
-    free, log, scale = _axes(h, dt)
     prior = prior_box(h, dt)
     box = prior if box is None else box
-    nodes = np.broadcast_to(nodes, len(free))
+    nodes = np.broadcast_to(nodes, len(prior.low))
     z, log_prior, step = np.zeros((1, 0)), np.zeros(1), np.zeros((1, 0))
     for axis, n in enumerate(nodes):
         shift = z @ box.slope[axis, :axis]
@@ -670,7 +680,15 @@ def grid(h, dt, nodes, box=None):
         log_prior = (log_prior[keep, None] + np.log(width * _gregory(n))).ravel()
         z = np.column_stack([np.repeat(z[keep], n, axis=0), new.ravel()])
         step = np.repeat(np.column_stack([step[keep], width]), n, axis=0)
+    return _grid_of(h, dt, z, log_prior, step)[0]
 
+
+def _grid_of(h, dt, z, log_weight, step):
+    """Nodes z (M, d) of quadrature weights exp(log_weight) as a `Grid`, and which of
+    them lie inside the prior; step (M, d) is the distance of neighbours.
+    """
+    free, log, scale = _axes(h, dt)
+    log_prior = log_weight.copy()
     theta = np.array([p.high for p in h.parameters]) * np.ones((len(z), 1))
     theta[:, free] = np.where(log, np.exp(z * log), z)
     exponent, power = np.zeros(len(h.parameters)), 0.0
@@ -698,7 +716,7 @@ def grid(h, dt, nodes, box=None):
     high = (limits[..., 1] + limits[..., 2]).min(1)
     keep = (low < high) | (scale is None)
     return Grid(h, dt, theta[keep], exponent, z[keep], step.max(0, initial=0.0),
-                log_prior[keep], limits[keep], float(power))
+                log_prior[keep], limits[keep], float(power)), keep
 
 
 def uniform_grid(h, dt, nodes):
@@ -1047,8 +1065,15 @@ class Bank(NamedTuple):
 
 def bank(h, dt, theta):
     """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
-    filters = [h.filter(dt, row) for row in theta]
-    Phi, Gamma, H, Psi, m0, P0 = (np.stack(part) for part in zip(*filters))
+    if getattr(h, "model", None) in SUMS:    # all nodes at once
+        filt = h.filter(dt, theta.T[..., None])
+        dimensions = 3, 3, 2, 1, 1, 2
+        Phi, Gamma, H, Psi, m0, P0 = (
+            np.broadcast_to(part, (len(theta), *part.shape[-d:])).copy()
+            for part, d in zip(filt, dimensions))
+    else:
+        filters = [h.filter(dt, row) for row in theta]
+        Phi, Gamma, H, Psi, m0, P0 = (np.stack(part) for part in zip(*filters))
     return Bank(Phi, Gamma @ np.swapaxes(Gamma, -1, -2), H, Psi**2, m0, P0)
 
 
@@ -1207,6 +1232,7 @@ TAIL = 14.0         # nats below the mode at which a posterior is cut off: 1e-7 
 SETTLED = 0.03      # nats, and standard deviations, that a finer grid may change
 SCALE_POINTS = 16   # point masses of a node: quantiles are good to 1 / 32
 MAX_ZOOMS = 60      # each halves a box or so; 1e-9 of the prior takes 30
+MAX_AXES = 2        # of a grid that zooms in
 NODES_PER_SD = 1.5  # along every axis; what the prior's edges need,
                     # a Gaussian needs 0.7
 
@@ -1265,7 +1291,7 @@ def _node_mass(count, chi2, score, node, limits, power, bias):
 
     node (M, 3) columns information, log_det, log_prior; limits as in `Grid`. The scale
     is integrated by Gauss-Legendre over the part of its range that holds the posterior;
-    nodes TAIL + 10 nats below the best are dropped.
+    nodes TAIL + 10 nats below the best keep a bound.
     """
     M, edges = limits.shape[:2]
     mass, first, second = np.empty(M), np.ones(M), np.ones(M)
@@ -1288,9 +1314,7 @@ def _node_mass(count, chi2, score, node, limits, power, bias):
     best = np.max(mass)
     for j in range(M):
         information, log_det, log_prior = node[j]
-        if not mass[j] > best - TAIL - 10.0:
-            mass[j] = -np.inf
-        elif low[j] < high[j]:
+        if mass[j] > best - TAIL - 10.0 and low[j] < high[j]:
             total = mean = square = 0.0
             for point in range(len(ABSCISSAE)):
                 u = low[j] + 0.5 * (high[j] - low[j]) * (1.0 + ABSCISSAE[point])
@@ -1319,7 +1343,7 @@ def _moments(mass, first, second, feature, exponent):
     best = np.max(mass)
     total, mean, cov = 0.0, np.zeros(F), np.zeros((F, F))
     for j in range(M):
-        if mass[j] > -np.inf:
+        if mass[j] > best - TAIL - 10.0:
             weight = np.exp(mass[j] - best)
             total += weight
             for row in range(F):
@@ -1327,7 +1351,7 @@ def _moments(mass, first, second, feature, exponent):
                     first[j] if exponent[row] else 1.0)
     mean /= total
     for j in range(M):
-        if mass[j] > -np.inf:
+        if mass[j] > best - TAIL - 10.0:
             weight = np.exp(mass[j] - best) / total
             spread = second[j] - first[j] * first[j]
             for row in range(F):
@@ -1477,6 +1501,76 @@ def tempered(log_prior, log_mass, enough):
     return beta, weights(beta)
 
 
+# A box of three axes and more is mostly empty, and where a process is weak the posterior
+# has arms. Nodes are then drawn: from local laws, Student's t, each as wide as the
+# posterior around a node of the round before (G. Givens, A. Raftery, "Local adaptive
+# importance sampling for multivariate densities with strong nonlinear relationships",
+# J. Am. Stat. Assoc. 91, 1996), and from the prior. Coordinates x in which the box is
+# N(0, I) have no edges.
+
+LAWS = 256
+TAIL_POWER = 5.0    # degrees of freedom
+
+
+class _Laws(NamedTuple):
+    """Mixture of Student's t."""
+
+    share: np.ndarray     # (K,) sum to 1
+    centre: np.ndarray    # (K, d)
+    root: np.ndarray      # (K, d, d) lower triangular
+
+
+def _drawn(laws, count):
+    """Points x (count, d) of a mixture, the log of its density there, and as many
+    normal scores; all evenly spread (M. Roberts, "The unreasonable effectiveness of
+    quasirandom sequences", 2018).
+    """
+    d = laws.centre.shape[1]
+    ratio = brentq(lambda g: g**(d + 4) - g - 1.0, 1.0, 2.0)
+    u = (0.5 + np.outer(np.arange(count), ratio**-np.arange(1.0, d + 4.0))) % 1.0
+    own = np.searchsorted(np.cumsum(laws.share)[:-1], u[:, d])
+    t = ndtri(u[:, :d]) * np.sqrt(TAIL_POWER / chdtri(TAIL_POWER, u[:, d + 1:d + 2]))
+    x = laws.centre[own] + np.einsum("iab,ib->ia", laws.root[own], t)
+    log_height = (gammaln(0.5 * (TAIL_POWER + d)) - gammaln(0.5 * TAIL_POWER)
+                  - 0.5 * d * np.log(TAIL_POWER * np.pi))
+    height = laws.share / np.prod(np.diagonal(laws.root, 0, 1, 2), axis=1)
+    return (x, log_height + np.log(_mixture(x, height, laws.centre,
+                                            np.linalg.inv(laws.root))),
+            ndtri(u[:, d + 2]))
+
+
+@njit(**JIT)
+def _mixture(x, height, centre, inverse):
+    """Density (M,) of a mixture of Student's t at x (M, d)."""
+    d, density = x.shape[1], np.zeros(len(x))
+    for i in range(len(x)):
+        for k in range(len(height)):
+            square = 0.0
+            for row in range(d):
+                z = 0.0
+                for column in range(row + 1):
+                    z += inverse[k, row, column] * (x[i, column] - centre[k, column])
+                square += z * z
+            density[i] += height[k] * (1.0 + square / TAIL_POWER)**(
+                -0.5 * (TAIL_POWER + d))
+    return density
+
+
+def _local_laws(x, w):
+    """Laws about LAWS points of x (M, d), weights w: of the nearest eighth around."""
+    d, many = x.shape[1], 8 * LAWS
+    x = x[np.searchsorted(np.cumsum(w)[:-1], (np.arange(many) + 0.5) / many)]
+    root = np.linalg.cholesky(np.cov(x.T) + 1e-14 * np.eye(d))
+    z = np.linalg.solve(root, x.T).T
+    distance = ((z[::8, None] - z)**2).sum(-1)
+    near = z[np.argpartition(distance, LAWS, axis=1)[:, :LAWS]]
+    near -= near.mean(1, keepdims=True)
+    local = near.swapaxes(1, 2) @ near / LAWS + 0.01 * np.eye(d)
+    return _Laws(np.append(0.1, np.full(LAWS, 0.9 / LAWS)),
+                 np.vstack([np.zeros((1, d)), x[::8]]),
+                 np.concatenate([np.eye(d)[None], root @ np.linalg.cholesky(local)]))
+
+
 class _View(NamedTuple):
     """What a grid shows of a posterior."""
 
@@ -1519,7 +1613,7 @@ def _view(g, mass, box):
 
 
 def resolve(h, dt, y, max_nodes=60000):
-    """Grid that resolves the posterior of one hypothesis, found by zooming in on it.
+    """Posterior of one hypothesis, on nodes that are refined until they resolve it.
 
     Parameters
     ----------
@@ -1537,24 +1631,36 @@ def resolve(h, dt, y, max_nodes=60000):
         It is not `settled` only if max_nodes or MAX_ZOOMS grids did not suffice.
     """
     offset = np.nanmean(y)      # leaves the sums of a large bias their digits
-    bias = -offset, h.bias_sigma**2
     record = (y - offset)[None]
-    d = len(prior_box(h, dt).low)
-    nodes = [1, 32, 20, 14, 10, 8, 6][min(d, 6)]
+    run = _zoomed if len(prior_box(h, dt).low) <= MAX_AXES else _sampled
+    return run(h, dt, record, (-offset, h.bias_sigma**2), max_nodes)
+
+
+def _masses(g, record, bias):
+    """What `_node_mass` says of the nodes of a grid, and what `_moments` makes of it,
+    of parameters and coordinates.
+    """
+    sums = next(filter_bank(bank(g.hypothesis, g.dt, g.theta), record,
+                            [record.shape[1]]))
+    masses = _node_mass(sums.count, sums.chi2[0].copy(), sums.score[0].copy(),
+                        _node_columns(g, sums), g.limits, g.power, bias)
+    return masses, _moments(*masses, *_features(g))
+
+
+def _zoomed(h, dt, record, bias, max_nodes):
+    """`resolve` by a grid that zooms in on the posterior."""
     box, updates = prior_box(h, dt), 0
+    d = len(box.low)
+    nodes = [1, 32, 20][d]
     past_evidence, past_mean, settled = np.inf, np.inf, d == 0
     for _ in range(MAX_ZOOMS):
         g = grid(h, dt, nodes, box)
-        updates += g.log_prior.size * len(y)
-        sums = next(filter_bank(bank(h, dt, g.theta), record, [len(y)]))
-        mass, first, second = _node_mass(
-            sums.count, sums.chi2[0].copy(), sums.score[0].copy(),
-            _node_columns(g, sums), g.limits, g.power, bias)
-        log_evidence, mean, cov = _moments(mass, first, second, *_features(g))
+        updates += g.log_prior.size * record.size
+        masses, (log_evidence, mean, cov) = _masses(g, record, bias)
         nodes_per_sd = np.minimum(_nodes_per_sd(g, cov), _edge_nodes(g, mean, cov))
         if settled:
             break
-        view = _view(g, mass, box)
+        view = _view(g, masses[0], box)
         shrunk = np.prod((view.box.high - view.box.low) / (box.high - box.low))
         if (nodes_per_sd >= NODES_PER_SD).all() and not view.tempered and not view.cut:
             # the average may hide a corner: believed when a finer grid says the same
@@ -1570,25 +1676,57 @@ def resolve(h, dt, y, max_nodes=60000):
                 break
         box = view.box
     p = len(h.parameters)
-    theta, weight = _point_masses(g, mass, first, second)
-    return Estimate(h, log_evidence, mean[:p], cov[:p, :p], theta, weight, nodes_per_sd,
+    at = ndtri((np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS)[:, None]
+    at /= np.sqrt(np.mean(at**2))
+    return Estimate(h, log_evidence, mean[:p], cov[:p, :p],
+                    *_point_masses(g, *masses, at), nodes_per_sd, settled, updates)
+
+
+def _sampled(h, dt, record, bias, max_nodes):
+    """`resolve` by nodes drawn from laws that learn where the posterior is."""
+    box, updates = prior_box(h, dt), 0
+    d, p = len(box.low), len(h.parameters)
+    laws = _Laws(np.ones(1), np.zeros((1, d)), np.eye(d)[None])
+    count = min(2048, max_nodes)
+    for _ in range(MAX_ZOOMS):
+        x, log_law, at = _drawn(laws, count)
+        log_weight = (-0.5 * (x**2).sum(1) - 0.5 * d * LOG_2PI - log_law - np.log(count)
+                      + np.log(box.high - box.low).sum())
+        g, inside = _grid_of(h, dt, box.low + ndtr(x) * (box.high - box.low),
+                             log_weight, np.zeros((count, d)))
+        x = x[inside]
+        updates += len(x) * record.size
+        masses, (log_evidence, mean, cov) = _masses(g, record, bias)
+        mass, first, _ = masses
+        w = np.exp(mass - log_evidence)
+        away = np.column_stack([np.ones(len(x)), g.theta * np.where(
+            g.exponent, first[:, None], 1.0) - mean[:p]])
+        sd = np.sqrt(np.diagonal(cov))[:p]
+        error = np.sqrt(w**2 @ away**2) / np.append(1.0, np.where(sd > 0.0, sd, 1.0))
+        beta, tamed = tempered(g.log_prior, mass - g.log_prior, 0.1 * count)
+        settled = beta == 1.0 and bool(error.max() < 0.5 * SETTLED)
+        if settled or beta == 1.0 and count == max_nodes:
+            break
+        laws = _local_laws(x, tamed)
+        if beta == 1.0:
+            needed = 1.1 * count * (error.max() / (0.5 * SETTLED))**2
+            count = int(np.clip(needed, count, min(4 * count, max_nodes)))
+    nodes_per_sd = np.full(d, np.sum(w**2)**(-1.0 / d) / 3.5)
+    return Estimate(h, log_evidence, mean[:p], cov[:p, :p],
+                    *_point_masses(g, *masses, at[None, inside]), nodes_per_sd,
                     settled, updates)
 
 
-def _point_masses(g, mass, first, second):
-    """Point masses, Eq. (3): SCALE_POINTS a node where the scale is integrated, at even
-    quantiles of the normal law of its moments.
+def _point_masses(g, mass, first, second, at):
+    """Point masses, Eq. (3): where the scale is integrated, of each node those `at`
+    standard scores (points, 1 or M) of the normal law of its moments.
     """
     weight = np.exp(mass - mass.max())
     keep = weight > 1e-12 * weight.sum()
-    weight, first = weight[keep], first[keep]
+    weight, first, theta = weight[keep], first[keep], g.theta[keep]
     sd = np.sqrt(np.maximum(second[keep] - first**2, 0.0))
-    at = np.zeros(1)
-    if g.exponent.any():
-        at = ndtri((np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS)
-        at /= np.sqrt(np.mean(at**2))
-    theta = [g.theta[keep] * np.where(g.exponent, (first + t * sd)[:, None], 1.0)
-             for t in at]
+    at = np.broadcast_to(at if g.exponent.any() else 0.0, (len(at), len(mass)))[:, keep]
+    theta = [theta * np.where(g.exponent, (first + t * sd)[:, None], 1.0) for t in at]
     return np.concatenate(theta), np.tile(weight / weight.sum() / len(at), len(at))
 
 
