@@ -1501,74 +1501,48 @@ def tempered(log_prior, log_mass, enough):
     return beta, weights(beta)
 
 
-# A box of three axes and more is mostly empty, and where a process is weak the posterior
-# has arms. Nodes are then drawn: from local laws, Student's t, each as wide as the
-# posterior around a node of the round before (G. Givens, A. Raftery, "Local adaptive
-# importance sampling for multivariate densities with strong nonlinear relationships",
-# J. Am. Stat. Assoc. 91, 1996), and from the prior. Coordinates x in which the box is
-# N(0, I) have no edges.
+# A box of three axes and more is mostly empty, and a weak process gives the posterior
+# arms. Nodes are then drawn: from local laws, Student's t, each as wide as the
+# posterior is near a node of the last round (G. Givens, A. Raftery, J. Am. Stat. Assoc.
+# 91, 1996), and from the prior. In coordinates x, the box is N(0, I), without edges.
 
 LAWS = 256
-TAIL_POWER = 5.0    # degrees of freedom
+FREEDOM = 5.0    # degrees of freedom of Student's t
 
 
-class _Laws(NamedTuple):
-    """Mixture of Student's t."""
-
-    share: np.ndarray     # (K,) sum to 1
-    centre: np.ndarray    # (K, d)
-    root: np.ndarray      # (K, d, d) lower triangular
-
-
-def _drawn(laws, count):
-    """Points x (count, d) of a mixture, the log of its density there, and as many
-    normal scores; all evenly spread (M. Roberts, "The unreasonable effectiveness of
-    quasirandom sequences", 2018).
+def _drawn(share, centre, root, count):
+    """Points x (count, d) of a mixture of Student's t, the log of its density there,
+    and as many normal scores; evenly spread (M. Roberts, "The unreasonable
+    effectiveness of quasirandom sequences", 2018).
     """
-    d = laws.centre.shape[1]
+    d = centre.shape[1]
     ratio = brentq(lambda g: g**(d + 4) - g - 1.0, 1.0, 2.0)
     u = (0.5 + np.outer(np.arange(count), ratio**-np.arange(1.0, d + 4.0))) % 1.0
-    own = np.searchsorted(np.cumsum(laws.share)[:-1], u[:, d])
-    t = ndtri(u[:, :d]) * np.sqrt(TAIL_POWER / chdtri(TAIL_POWER, u[:, d + 1:d + 2]))
-    x = laws.centre[own] + np.einsum("iab,ib->ia", laws.root[own], t)
-    log_height = (gammaln(0.5 * (TAIL_POWER + d)) - gammaln(0.5 * TAIL_POWER)
-                  - 0.5 * d * np.log(TAIL_POWER * np.pi))
-    height = laws.share / np.prod(np.diagonal(laws.root, 0, 1, 2), axis=1)
-    return (x, log_height + np.log(_mixture(x, height, laws.centre,
-                                            np.linalg.inv(laws.root))),
-            ndtri(u[:, d + 2]))
-
-
-@njit(**JIT)
-def _mixture(x, height, centre, inverse):
-    """Density (M,) of a mixture of Student's t at x (M, d)."""
-    d, density = x.shape[1], np.zeros(len(x))
-    for i in range(len(x)):
-        for k in range(len(height)):
-            square = 0.0
-            for row in range(d):
-                z = 0.0
-                for column in range(row + 1):
-                    z += inverse[k, row, column] * (x[i, column] - centre[k, column])
-                square += z * z
-            density[i] += height[k] * (1.0 + square / TAIL_POWER)**(
-                -0.5 * (TAIL_POWER + d))
-    return density
+    own = np.searchsorted(np.cumsum(share)[:-1], u[:, d])
+    t = ndtri(u[:, :d]) * np.sqrt(FREEDOM / chdtri(FREEDOM, u[:, d + 1:d + 2]))
+    x = centre[own] + np.einsum("iab,ib->ia", root[own], t)
+    density, power = np.zeros(count), 0.5 * (FREEDOM + d)
+    for one, at, R in zip(share, centre, np.linalg.inv(root)):
+        square = (((x - at) @ R.T)**2).sum(1)
+        density += one * np.linalg.det(R) * (1.0 + square / FREEDOM)**-power
+    return (x, np.log(density) + gammaln(power) - gammaln(0.5 * FREEDOM)
+            - 0.5 * d * np.log(FREEDOM * np.pi), ndtri(u[:, d + 2]))
 
 
 def _local_laws(x, w):
-    """Laws about LAWS points of x (M, d), weights w: of the nearest eighth around."""
-    d, many = x.shape[1], 8 * LAWS
-    x = x[np.searchsorted(np.cumsum(w)[:-1], (np.arange(many) + 0.5) / many)]
-    root = np.linalg.cholesky(np.cov(x.T) + 1e-14 * np.eye(d))
+    """Shares, centres and roots of the prior and of the laws that points x (M, d) of
+    weights w suggest: as wide as the nearest eighth of them.
+    """
+    at = (np.arange(8 * LAWS) + 0.5) / (8 * LAWS)
+    x, one = x[np.searchsorted(np.cumsum(w)[:-1], at)], np.eye(x.shape[1])
+    root = np.linalg.cholesky(np.cov(x.T) + 1e-14 * one)
     z = np.linalg.solve(root, x.T).T
     distance = ((z[::8, None] - z)**2).sum(-1)
     near = z[np.argpartition(distance, LAWS, axis=1)[:, :LAWS]]
     near -= near.mean(1, keepdims=True)
-    local = near.swapaxes(1, 2) @ near / LAWS + 0.01 * np.eye(d)
-    return _Laws(np.append(0.1, np.full(LAWS, 0.9 / LAWS)),
-                 np.vstack([np.zeros((1, d)), x[::8]]),
-                 np.concatenate([np.eye(d)[None], root @ np.linalg.cholesky(local)]))
+    local = np.linalg.cholesky(near.swapaxes(1, 2) @ near / LAWS + 0.01 * one)
+    return (np.append(0.1, np.full(LAWS, 0.9 / LAWS)),
+            np.vstack([0.0 * one[:1], x[::8]]), np.stack([one, *(root @ local)]))
 
 
 class _View(NamedTuple):
@@ -1686,35 +1660,31 @@ def _sampled(h, dt, record, bias, max_nodes):
     """`resolve` by nodes drawn from laws that learn where the posterior is."""
     box, updates = prior_box(h, dt), 0
     d, p = len(box.low), len(h.parameters)
-    laws = _Laws(np.ones(1), np.zeros((1, d)), np.eye(d)[None])
-    count = min(2048, max_nodes)
+    laws, count = (np.ones(1), np.zeros((1, d)), np.eye(d)[None]), min(2048, max_nodes)
     for _ in range(MAX_ZOOMS):
-        x, log_law, at = _drawn(laws, count)
-        log_weight = (-0.5 * (x**2).sum(1) - 0.5 * d * LOG_2PI - log_law - np.log(count)
-                      + np.log(box.high - box.low).sum())
+        x, log_law, at = _drawn(*laws, count)
+        log_weight = (np.log(box.high - box.low) - 0.5 * x**2 - 0.5 * LOG_2PI).sum(1)
         g, inside = _grid_of(h, dt, box.low + ndtr(x) * (box.high - box.low),
-                             log_weight, np.zeros((count, d)))
-        x = x[inside]
-        updates += len(x) * record.size
+                             log_weight - log_law - np.log(count), np.zeros_like(x))
+        updates += len(g.theta) * record.size
         masses, (log_evidence, mean, cov) = _masses(g, record, bias)
         mass, first, _ = masses
-        w = np.exp(mass - log_evidence)
-        away = np.column_stack([np.ones(len(x)), g.theta * np.where(
-            g.exponent, first[:, None], 1.0) - mean[:p]])
-        sd = np.sqrt(np.diagonal(cov))[:p]
-        error = np.sqrt(w**2 @ away**2) / np.append(1.0, np.where(sd > 0.0, sd, 1.0))
+        mean, cov, w = mean[:p], cov[:p, :p], np.exp(mass - log_evidence)
+        away = g.theta * np.where(g.exponent, first[:, None], 1.0) - mean
+        variance = np.append(1.0, np.diagonal(cov))    # of the evidence first
+        error = w**2 @ np.column_stack([np.ones(len(w)), away])**2 / np.where(
+            variance > 0.0, variance, 1.0)
+        excess = np.sqrt(error.max()) / (0.5 * SETTLED)
         beta, tamed = tempered(g.log_prior, mass - g.log_prior, 0.1 * count)
-        settled = beta == 1.0 and bool(error.max() < 0.5 * SETTLED)
-        if settled or beta == 1.0 and count == max_nodes:
+        if beta == 1.0 and (excess < 1.0 or count == max_nodes):
             break
-        laws = _local_laws(x, tamed)
+        laws = _local_laws(x[inside], tamed)
         if beta == 1.0:
-            needed = 1.1 * count * (error.max() / (0.5 * SETTLED))**2
-            count = int(np.clip(needed, count, min(4 * count, max_nodes)))
+            count = int(min(1.1 * count * max(excess**2, 1.0), 4 * count, max_nodes))
     nodes_per_sd = np.full(d, np.sum(w**2)**(-1.0 / d) / 3.5)
-    return Estimate(h, log_evidence, mean[:p], cov[:p, :p],
+    return Estimate(h, log_evidence, mean, cov,
                     *_point_masses(g, *masses, at[None, inside]), nodes_per_sd,
-                    settled, updates)
+                    beta == 1.0 and bool(excess < 1.0), updates)
 
 
 def _point_masses(g, mass, first, second, at):

@@ -1,4 +1,4 @@
-"""python -m figures [1 ... 8] [audit] [table] [cost] [scaling] [withheld] [gap] ..."""
+"""python -m figures [1 ... 8] [audit] [table] [cost] [scaling] [ranks] [gap] ..."""
 
 import argparse
 import importlib
@@ -10,7 +10,8 @@ from sensorlab.commands import in_one_line
 
 PAPER = {**{str(n): f"fig{n}" for n in range(1, 7)}, "audit": "audit", "table": "table"}
 NAMES = {**PAPER, "7": "fig7", "8": "fig8", **{
-    name: name for name in ("cost", "scaling", "withheld", "gap", "hostile", "real")}}
+    name: name for name in ("cost", "scaling", "ranks", "withheld", "gap", "hostile",
+                             "real")}}
 
 
 def main(argv=None):
@@ -19,7 +20,7 @@ def main(argv=None):
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("which", nargs="*", metavar="FIGURE",
                         help=f"any of {', '.join(NAMES)}; by default all but "
-                             "the last eight, which tell of the method, not the paper")
+                             "the last nine, which tell of the method, not the paper")
     parser.add_argument("--quick", action="store_true",
                          help="a small version: 64 samples a case at 1 s instead of "
                               "500 at 0.1 s")

@@ -47,9 +47,9 @@ def table(ranks, settled):
     lines, n = [], sum(map(len, ranks.values()))
     for h in HYPOTHESES:
         for p, rank in zip(h.parameters, ranks[h.name].T):
-            lines.append(f"{h.name + '.' + p.symbol:<28}p {kstest(rank, 'uniform')[1]:.3f}"
-                         f"   mean rank {rank.mean():.3f} +- "
-                         f"{1.0 / np.sqrt(12.0 * len(rank)):.3f}")
+            lines.append(
+                f"{h.name + '.' + p.symbol:<28}p {kstest(rank, 'uniform').pvalue:.3f}"
+                f"   mean rank {rank.mean():.3f} +- {(12.0 * len(rank))**-0.5:.3f}")
     return "\n".join([*lines, f"settled {settled} of {n}"])
 
 

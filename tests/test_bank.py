@@ -198,3 +198,19 @@ def test_processes_abreast_equal_the_general_filter():
                         s.filter_bank(general, y, [100, 300])):
         for part, other in zip(one, two):
             assert_allclose(part, other, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["white_noise", "random_walk", "markov",
+                                  "random_walk_markov", "two_markov"])
+def test_a_bank_of_all_nodes_at_once_equals_its_filters(name):
+    (h,) = s.default_hypotheses(np.arange(50.0)**2, 0.1, [name])
+    theta = s.at_quantiles(h.parameters, np.random.default_rng(1).random((7, 5))[
+        :, :len(h.parameters)])
+    b = s.bank(h, 0.1, theta)
+    for node, row in enumerate(theta):
+        filt = h.filter(0.1, row)
+        expected = s.shaping_filter(*filt)    # the shapes are those it checks
+        Q = expected.Gamma @ expected.Gamma.swapaxes(1, 2)
+        for part, one in zip(b, (expected.Phi, Q, expected.H, expected.Psi**2,
+                                 expected.m0, expected.P0)):
+            assert_allclose(part[node], one, rtol=1e-13)
