@@ -862,9 +862,10 @@ def _nodes_abreast(y, node, ak, w, c, state):
 
 @njit(**JIT)
 def _steady_abreast(y, a, ak, state):
-    """The same once the gain is constant, with sums of nu^2 and nu unweighted."""
-    n = len(y)
-    for i in range(0, n - n % 4, 4):
+    """The same once the gain is constant, with sums of nu^2 and nu unweighted; the
+    number of samples is a multiple of four.
+    """
+    for i in range(0, len(y), 4):
         y0, y1, y2, y3 = y[i], y[i + 1], y[i + 2], y[i + 3]
         for g in range(GROUP):
             x = state[g]
@@ -878,12 +879,6 @@ def _steady_abreast(y, a, ak, state):
             state[g] = a[g] * x + ak[g] * nu3
             state[g + GROUP] += nu0 * nu0 + nu1 * nu1 + nu2 * nu2 + nu3 * nu3
             state[g + 2 * GROUP] += nu0 + nu1 + nu2 + nu3
-    for i in range(n - n % 4, n):
-        for g in range(GROUP):
-            nu = y[i] - state[g]
-            state[g] = a[g] * state[g] + ak[g] * nu
-            state[g + GROUP] += nu * nu
-            state[g + 2 * GROUP] += nu
 
 
 @njit(parallel=True, **JIT)
@@ -901,7 +896,7 @@ def _advance_record(y, observed, last_gap, node, memory, state):
         own, gain, sums = memory[group], np.empty(GROUP), np.zeros(3 * GROUP)
         first, drift = 0, 1.0
         while first < n and (drift > 1e-15 or first <= last_gap):
-            last = min(first + TILE, n)
+            last = first + ((n - first) % TILE or TILE)    # the odd tile first
             past = own.copy()
             _gains(observed[first:last], node[group], own, ak, w, c)
             _nodes_abreast(y[first:last], node[group], ak, w, c, state[group])
@@ -1178,7 +1173,7 @@ def _sums_modal(b, y, observed, stretches):
     (nodes, n), records = b.m0.shape, len(y)
     y = np.vstack([y, np.ones(y.shape[1])])
     own = modes(b)
-    a, q, r, P = (_abreast(part) for part in (own.a, own.q, own.r, b.P0))
+    a, q, r, P = (_abreast(part) for part in (own.a, own.q, own.r, b.P0.copy()))
     x = np.zeros((len(a), records + 1, n, GROUP))
     sums = np.zeros((len(a), records + 1, 2, GROUP))
     for begin, end, _ in stretches:
@@ -1626,7 +1621,7 @@ def _zoomed(h, dt, record, bias, max_nodes):
     box, updates = prior_box(h, dt), 0
     d = len(box.low)
     nodes = [1, 32, 20][d]
-    past_evidence, past_mean, settled = np.inf, np.inf, d == 0
+    past, settled = np.inf, d == 0
     for _ in range(MAX_ZOOMS):
         g = grid(h, dt, nodes, box)
         updates += g.log_prior.size * record.size
@@ -1638,12 +1633,11 @@ def _zoomed(h, dt, record, bias, max_nodes):
         shrunk = np.prod((view.box.high - view.box.low) / (box.high - box.low))
         if (nodes_per_sd >= NODES_PER_SD).all() and not view.tempered and not view.cut:
             # the average may hide a corner: believed when a finer grid says the same
-            sd = np.sqrt(np.diagonal(cov))
-            settled = (abs(log_evidence - past_evidence) < SETTLED
-                       and bool((abs(mean - past_mean) <= SETTLED * sd).all()))
+            here, sd = np.append(log_evidence, mean), np.sqrt(np.diagonal(cov))
+            settled = bool((abs(here - past) <= SETTLED * np.append(1.0, sd)).all())
             if settled:
                 break
-            past_evidence, past_mean, shrunk = log_evidence, mean, 1.0
+            past, shrunk = here, 1.0
         if shrunk > 0.8 and not view.cut:
             nodes = int(np.ceil(1.4 * nodes))
             if nodes**d > max_nodes:
@@ -2437,18 +2431,10 @@ def allan_deviation(omega, dt, per_octave=1):
 
 
 @njit(**JIT)
-def _functional_variances(m, Phi, Q, H, m0, P0):
-    """Mean squares of (second mean of m - first mean of m) / sqrt(2) of H x, from the
+def _functional_variance(m, Phi, Q, H, m0, P0):
+    """Mean square of (second mean of m - first mean of m) / sqrt(2) of H x, from the
     derivatives to every w_i.
     """
-    out = np.empty(len(m))
-    for j in range(len(m)):
-        out[j] = _functional_variance(m[j], Phi, Q, H, m0, P0)
-    return out
-
-
-@njit(**JIT)
-def _functional_variance(m, Phi, Q, H, m0, P0):
     n = len(H)
     g, new, total = np.zeros(n), np.zeros(n), 0.0
     for i in range(2 * m - 1, -1, -1):
@@ -2485,8 +2471,8 @@ def model_allan_variance(filt, m):
     1.0
     """
     Gamma = filt.Gamma[0]
-    process = _functional_variances(np.atleast_1d(m), filt.Phi[0], Gamma @ Gamma.T,
-                                    filt.H[0], filt.m0, filt.P0)
+    process = [_functional_variance(one, filt.Phi[0], Gamma @ Gamma.T, filt.H[0],
+                                    filt.m0, filt.P0) for one in np.ravel(m)]
     return np.reshape(process, np.shape(m)) + filt.Psi[0]**2 / m
 
 

@@ -18,6 +18,8 @@ import figures
 import sensorid
 import sensorlab
 from sensorlab.gap import signatures
+from sensorlab.gap.account import account
+from sensorlab.gap.directed import directed
 from sensorlab.gap.effects import Simulator, members
 from figures import save, withheld
 from tests import generator
@@ -93,10 +95,9 @@ def bound(record, level, hypotheses):
              2: np.log(ive(0, x)) + x - D}
     effects = [sensorlab.CATALOGUE[e] for e in generator.ADDITIVE]
     tries = signatures.families(scene, effects)
-    evidence = np.array([
-        signatures.family_evidence(h, scene, (), tries, table=table).log_evidence
-        for h in members(Simulator(hypotheses), scene)])
-    total = np.logaddexp.reduce(evidence, axis=0)
+    base = account(scene, members(Simulator(hypotheses), scene))
+    total = np.logaddexp.reduce([
+        sample.log_evidence for sample in directed(scene, base, tries, table)])
     return ["none", *(t.effect.name for t in tries)][int(np.argmax(total))]
 
 

@@ -1,4 +1,5 @@
 import os
+import shutil
 import subprocess
 import sys
 
@@ -214,3 +215,25 @@ def test_a_bank_of_all_nodes_at_once_equals_its_filters(name):
         for part, one in zip(b, (expected.Phi, Q, expected.H, expected.Psi**2,
                                  expected.m0, expected.P0)):
             assert_allclose(part[node], one, rtol=1e-13)
+
+
+def test_a_bank_is_the_same_after_it_has_filtered():
+    theta = np.tile([0.1, 0.5], (s.GROUP, 1))
+    b = s.bank(s.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5), 1.0,
+                      theta)
+    b = b._replace(r=np.tile(b.r, (1, 50)), P0=b.P0 + 1.0)
+    before = [part.copy() for part in b]
+    next(s.filter_bank(b, np.ones((1, 50)), [50]))
+    for part, other in zip(b, before):
+        assert_array_equal(part, other)
+
+
+@pytest.mark.parametrize("own, expected", [({}, "passive"), (
+    {"OMP_WAIT_POLICY": "active"}, "active")])
+def test_a_copied_module_waits_passively_unless_told_otherwise(tmp_path, own, expected):
+    shutil.copy(s.__file__, tmp_path)
+    env = {k: v for k, v in os.environ.items() if k != "OMP_WAIT_POLICY"}
+    done = subprocess.run([sys.executable, "-c", "import sensorid, os; "
+                           "print(os.environ['OMP_WAIT_POLICY'])"], cwd=tmp_path,
+                          env={**env, **own}, capture_output=True, text=True)
+    assert done.stdout.strip() == expected, done.stderr

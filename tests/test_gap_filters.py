@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal, norm
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene
-from sensorlab.gap import filters, signatures
+from sensorlab.gap import filters, scans, signatures
 
 
 def test_severity_is_that_of_the_dense_covariance():
@@ -104,7 +104,7 @@ def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
     y = np.where(seen, scene.y, 0.0)
     assert_allclose(solved.residual[0], inverse @ y, atol=1e-9)
     onsets = signatures.Family(CATALOGUE["bias_step"], "")
-    found = signatures.scores(h, scene, onsets, theta, solved)
+    found = scans.scores(scene, onsets, solved)
     for onset in (1, 30, 55, 150, 199):
         s = (np.arange(200) >= onset).astype(float)
         J = s @ inverse @ s

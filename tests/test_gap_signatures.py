@@ -8,7 +8,8 @@ from scipy.stats import norm
 
 import sensorid
 from sensorlab import CATALOGUE, Scene
-from sensorlab.gap import filters, signatures
+from sensorlab.gap import directed, filters, scans, signatures
+from sensorlab.gap.account import account
 
 
 def test_gain_of_a_sinusoid_is_that_of_least_squares():
@@ -17,9 +18,9 @@ def test_gain_of_a_sinusoid_is_that_of_least_squares():
     h = member(scene, MODEL[1])
     solved = filters.solve(h, scene, (), theta)
     lines = signatures.Family(CATALOGUE["sinusoid"], "")
-    found = signatures.scores(h, scene, lines, theta, solved)
+    found = scans.scores(scene, lines, solved)
     inverse = np.linalg.inv(dense(theta[0], 400))
-    slow = round(signatures.EXACT_CYCLES * signatures.PADDING)
+    slow = round(scans.EXACT_CYCLES * scans.PADDING)
     for i in (10, 50, slow + 10, 300):    # above, that of a long record: to 2 %
         phase = 2 * np.pi * found.psi[i] * scene.time
         s = np.column_stack([np.cos(phase), np.sin(phase)])
@@ -33,10 +34,9 @@ def test_no_pulse_gains_more_than_by_least_squares():
     scene, theta = Scene(y, DT, {}), np.array([[300.0, 0.9, 0.4]])
     h = member(scene, MODEL[1])
     solved = filters.solve(h, scene, (), theta)
-    found = signatures.scores(h, scene, signatures.Family(CATALOGUE["pulse"], ""),
-                              theta, solved)
+    found = scans.scores(scene, signatures.Family(CATALOGUE["pulse"], ""), solved)
     inverse = np.linalg.inv(dense(theta[0], 400))
-    likely = found.gain[0].argsort()[-signatures.LIKELY:]
+    likely = found.gain[0].argsort()[-scans.LIKELY:]
     for i in [*np.random.default_rng(0).integers(0, len(found.psi), 20), *likely]:
         onset, duration = found.psi[i]
         s = ((scene.time >= onset) & (scene.time < onset + duration)).astype(float)
@@ -64,8 +64,9 @@ def test_moments_of_a_size_are_integrals_over_its_posterior():
     scene = scene._replace(y=scene.y + 7e-4 * scene.time)
     h = member(scene, h)
     ramps = signatures.families(scene, [CATALOGUE["rate_ramp"]])
-    sample = signatures.family_evidence(h, scene, (), ramps)
-    _, found = signatures.estimate_signature([h], scene, (), ramps[0], [sample], 1)
+    base = account(scene, [h])
+    samples = directed.directed(scene, base, ramps)
+    _, found = directed.estimate_signature(scene, base, ramps[0], samples, 1)
     information = scene.time @ scene.time
     z = scene.time @ scene.y / np.sqrt(information)
     k = np.arange(1, len(signatures.SIZES) + 1)

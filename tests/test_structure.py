@@ -56,7 +56,8 @@ def test_a_section_calls_only_sections_above_it(end):
 
 ROOMS = {    # of the laboratory; each takes only from those before it
     "sensorlab/gap": ["effects", "catalogue", "kernels", "filters", "evidence",
-                      "signatures", "readings", "account", "causes", "places",
+                      "screens", "signatures", "scans", "readings", "account",
+                      "directed", "causes", "places",
                       "distance", "closure", "drift", "twins", "flexible", "search",
                       "remainder", "verdict", "diagnosis", "blackbox", "report"],
     "sensorlab/readers": ["clocks", "channels", "messages", "arrays", "text", "objects",

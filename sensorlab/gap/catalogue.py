@@ -4,9 +4,10 @@ An effect of your own is another `Effect`; those below are examples of every kin
 """
 
 import numpy as np
+from numba import njit
 from scipy.signal import lfilter
 
-from sensorid import Parameter, ShapingFilter
+from sensorid import JIT, Parameter, ShapingFilter
 from sensorlab.gap.effects import Effect, Jumps
 
 
@@ -71,11 +72,19 @@ def _lagged(scene, x, psi):
 
 
 def _hysteresis(scene, x, psi):
-    width, behind = psi * np.ptp(x), np.empty(len(x))
-    at = x[0]
-    for i, value in enumerate(x):    # play: follows once the gap is used up
-        behind[i] = at = min(max(at, value - width), value + width)
-    yield "", _centred((x - behind) / width if width > 0.0 else 0.0 * x)[:, None]
+    width = psi * np.ptp(x)
+    yield "", _centred((x - _followed(x, width)) / width if width > 0.0 else 0.0 * x
+                       )[:, None]
+
+
+@njit(**JIT)
+def _followed(x, width):
+    """What follows x once a play of so much is used up."""
+    behind, at = np.empty(len(x)), x[0]
+    for i, value in enumerate(x):
+        at = min(max(at, value - width), value + width)
+        behind[i] = at
+    return behind
 
 
 # ---- models: (scene, filt, **parameters) gives a shaping filter

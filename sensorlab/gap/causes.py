@@ -5,13 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief, free_columns, probabilities
-from sensorlab.gap.account import Account, account, gaussian, guess_from, mean_evidence
+from sensorlab.gap.account import Account, account, gaussian, mean_evidence
 from sensorlab.gap.catalogue import flicker_times
+from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS
-from sensorlab.gap.filters import solve
+from sensorlab.gap.filters import predict, solve
 from sensorlab.gap.readings import as_read
-from sensorlab.gap.signatures import estimate_signature, families, family_evidence
+from sensorlab.gap.screens import FEW, screened, usual_variance
+from sensorlab.gap.signatures import families
 
 UNKNOWN = Effect("unknown")    # something that is in no catalogue
 
@@ -91,9 +93,7 @@ def further_causes(scene, acc, effects, processes=True):
     reference = acc if plain is scene else account(
         plain, hypotheses, signatures=acc.signatures)
     listed = families(plain, effects, acc.signatures)
-    samples = [family_evidence(h, plain, acc.signatures, listed,
-                               guess_from(reference, number))
-               for number, h in enumerate(hypotheses)]
+    samples = directed(plain, reference, listed)
     rivals = [*_with_signatures(listed, samples),
               *_with_filters(scene, plain, acc, reference, effects, processes)]
     if processes:
@@ -108,10 +108,10 @@ def further_causes(scene, acc, effects, processes=True):
     for group, probability in zip(groups, total):
         rival = rivals[group[0]]
         values, answer = rival.values, None
-        if rival.family and (probability > LISTED_FROM or rival is best):
+        if rival.family and (probability > LISTED_FROM
+                             or rival is best and alone < 0.5):
             found, answer = estimate_signature(
-                hypotheses, plain, acc.signatures, listed[rival.family - 1], samples,
-                rival.family)
+                plain, reference, listed[rival.family - 1], samples, rival.family)
             values = answer.values
             signature = found if rival is best else signature
         column = "" if rival.effect.factor else _either(
@@ -149,9 +149,16 @@ def _with_signatures(listed, samples):
 
 def _with_filters(scene, plain, acc, reference, effects, processes):
     """Rivals that are inside the filter: models, if wanted, and jumps."""
+    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
+    z = seen.z[0, 0]
+    variance = usual_variance(z, seen.log_score[0, 0])
     for effect in effects:
         inside = effect.jumps or processes and effect.model and not effect.reading
         if not inside or not _has_room(effect, acc, scene):
+            continue
+        about = screened(effect, scene, z, variance)
+        if about < FEW:
+            yield _Rival(effect, "", about)
             continue
         start, at = (acc, scene) if effect.jumps else (reference, plain)
         new = account(at, acc.bases, [h.with_effect(effect) for h in start.hypotheses],

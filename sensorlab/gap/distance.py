@@ -16,7 +16,6 @@ from sensorlab.gap.effects import (
 from sensorlab.gap.filters import filtered, predict
 from sensorlab.gap.places import PLACES, Statistics, probes, statistics
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
-from sensorlab.gap.signatures import POSTERIOR_NODES
 
 
 class Gap(NamedTuple):
@@ -41,8 +40,9 @@ class Gap(NamedTuple):
         return float(np.sqrt(np.mean(self.distance[where]**2)))
 
 
+POSTERIOR_NODES = 24    # parameters that stand for a posterior
 TRIALS = 199    # simulated records behind every p-value
-FEWER = (LONG_RECORD, 2), (10 * LONG_RECORD, 5)    # samples from which on so many times
+FEWER = (LONG_RECORD, 4), (10 * LONG_RECORD, 5)    # samples from which on so many times
                                                    # fewer must do
 
 

@@ -76,7 +76,7 @@ def moments(w, x):
 ROUND = 2 * GROUP         # points of a round; the bank takes whole groups
 MAX_ROUNDS = 18
 ENOUGH_POINTS = 60.0      # effective ones at which the evidence is good to 0.13 nat
-CLIMB_AFTER = 4           # rounds in which no mode was found
+CLIMB_AFTER = 1           # rounds in which no mode was found
 MISSED_NATS = 2.0         # that a mode is above all points of a sample that missed it
 HOPELESS_NATS = 3.0       # below a rival: what the mean evidence would hardly notice
 NOTHING = -1e100          # log-likelihood where a filter breaks down
@@ -173,7 +173,8 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         found = effective >= 5.0 * (d + 1)
         below = floor - logsumexp(points.total + log_weight)
         if effective >= enough or found and below > HOPELESS_NATS or (
-                attempt > CLIMB_AFTER + 1 and below > 3.0 * HOPELESS_NATS):
+                below > 3.0 * HOPELESS_NATS
+                and (effective >= 2.0 * (d + 1) or attempt > CLIMB_AFTER + 1)):
             break
         if attempt in (CLIMB_AFTER, CLIMB_AFTER + 1) and missed and not found:
             start, height = _highest(points, modes)

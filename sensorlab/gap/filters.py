@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from sensorid import LOG_2PI, Modes, bank, brief, filter_bank, modes
+from sensorid import LOG_2PI, Bank, Modes, bank, brief, filter_bank, modes
 from sensorlab.gap.effects import Found
 from sensorlab.gap.kernels import adjoint, mixture_filters, row_products
 
@@ -146,7 +146,8 @@ def products(h, scene, columns, theta):
                      for column in columns])
     c = len(columns)
     pairs = [(i, j) for i in range(c) for j in range(i)]
-    sums, cross = polarized(h, scene, np.array(columns) / size[:, None], pairs, theta)
+    sums, cross = polarized(bank(h, scene.dt, theta), scene,
+                            np.array(columns) / size[:, None], pairs)
     result = np.empty((len(theta), c + 1, c + 1))
     result[:, c, c] = sums.information
     for i in range(c):
@@ -158,16 +159,16 @@ def products(h, scene, columns, theta):
     return Gram(sums.count, sums.log_det, result * size[:, None] * size)
 
 
-def polarized(h, scene, rows, pairs, theta):
-    """`Sums` of rows (c, N) and products r' C^-1 s of pairs of them (P, M), by
-    2 r's = (r + s)'(r + s) - r'r - s's: the bank gives squares only.
+def polarized(b, scene, rows, pairs):
+    """`Sums` of a bank and rows (c, N), and products r' C^-1 s of pairs of them (P, M),
+    by 2 r's = (r + s)'(r + s) - r'r - s's: the bank gives squares only.
     """
     both = [rows[i] + rows[j] for i, j in pairs]
     rows = np.where(np.isnan(scene.y), np.nan, np.array([*rows, *both]))
-    sums = next(filter_bank(bank(h, scene.dt, theta), rows, [len(scene.y)]))
+    sums = next(filter_bank(b, rows, [len(scene.y)]))
     cross = [0.5 * (chi2 - sums.chi2[i] - sums.chi2[j])
              for chi2, (i, j) in zip(sums.chi2[len(rows) - len(pairs):], pairs)]
-    return sums, np.array(cross).reshape(len(pairs), len(theta))
+    return sums, np.array(cross)
 
 
 class Solved(NamedTuple):
@@ -179,6 +180,8 @@ class Solved(NamedTuple):
     cov: np.ndarray        # (M, c, c) of their sizes
     steps: np.ndarray      # (M, N)
     size: np.ndarray       # (M, c) sizes of the columns known already
+    own: Modes             # of the hypothesis
+    bank: Bank
 
     __repr__ = brief
 
@@ -195,4 +198,4 @@ def solve(h, scene, signatures, theta):
     known = marginal(gram, log_det, observed.sum(), constants(h, signatures))
     residual = w[:, 0] - np.einsum("mj,mji->mi", known.size, w[:, 1:])
     return Solved(known.log_likelihood, residual, w[:, 1:], known.covariance, steps,
-                  known.size)
+                  known.size, own, bank(h, scene.dt, theta))

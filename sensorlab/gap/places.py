@@ -5,18 +5,23 @@ residuals of a filter, which are N(0, 1) and white if all is well, and of the re
 """
 
 import itertools
+import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.special import chdtr, chdtrc, log_ndtr, ndtr, ndtri, ndtri_exp
 from scipy.stats import poisson
 
 from sensorid import allan_variance, brief
 from sensorlab.gap.effects import Scene
 from sensorlab.gap.filters import normal_score
-from sensorlab.gap.kernels import row_products
+from sensorlab.gap.kernels import KERNEL, in_threads, row_products
 
 PLACES = "time", "frequency", "averaging_time", "lag", "amplitude", "covariate"
+CLASSES = 12           # of even probability
+SMOOTH = 8             # sums of cos(k pi u), u a probability
+TAILS = 3.0, 4.0       # standard deviations
 UNITS = dict(time="s", frequency="Hz", averaging_time="s", lag="s",
              amplitude="sigma", covariate="")
 ROUNDING = 1e-12    # of the largest value: equal values
@@ -108,6 +113,7 @@ def statistics(z, y, scene, white):
 POLYNOMIAL_DEGREE = 5      # in a column: thermal models are of the third
 MAX_CROSSED_COLUMNS = 5    # whose products are looked at: of more there are too many
 SHIFTS = 32                # of the level, at even times
+CLUSTER = 16               # samples, or means of them, in the clusters of a long time
 
 
 def probes(scene):
@@ -169,11 +175,27 @@ def _in_frequency(r):
 
 
 def _in_averaging_time(r):
-    """Allan deviations of the records by octave."""
-    for octave in range(int(np.log2(max(len(r.scene.y) // 3, 1))) + 1):
-        tau = 2**octave * r.scene.dt
-        variance = allan_variance(r.y, r.scene.dt, 2**octave)
-        yield _One(tau, tau, 0.5 * np.log(variance + 1e-300))
+    """Allan deviations of the records by octave; long clusters move on by a CLUSTER-th
+    of their length.
+    """
+    y, dt, m = r.y, r.scene.dt, 1
+    for _ in range(int(np.log2(max(len(r.scene.y) // 3, 1))) + 1):
+        variance = allan_variance(y, dt, m)
+        yield _One(m * dt, m * dt, 0.5 * np.log(variance + 1e-300))
+        if m < CLUSTER:
+            m *= 2
+        else:
+            y, dt = _pair_means(y), 2.0 * dt
+
+
+def _pair_means(y):
+    """Means (R, N // 2) of neighbours in records (R, N); of one that is seen alone, it.
+    """
+    first, second = y[:, :-1:2], y[:, 1::2]
+    mean = 0.5 * (first + second)
+    gap = np.isnan(mean)
+    mean[gap] = np.where(np.isnan(first), second, first)[gap]
+    return mean
 
 
 def _in_lag(r):
@@ -189,36 +211,56 @@ def _in_lag(r):
 
 def _in_amplitude(r):
     """The law of the residuals: classes, smooth departures, tails; repeated values."""
-    R, count, classes = len(r.z), r.count, 12
-    u = ndtr(r.z)
-    at = np.minimum((classes * u).astype(int), classes - 1)
-    inside = np.bincount((at + classes * np.arange(R)[:, None])[r.seen],
-                         minlength=classes * R).reshape(R, classes)
-    edges = np.clip(ndtri(np.linspace(0, 1, classes + 1)), -FAR_OUT, FAR_OUT)
+    R, count = len(r.z), r.count
+    inside, cosines = np.zeros((R, CLASSES)), np.zeros((R, SMOOTH))
+    tails, moments = np.zeros((R, 2 * len(TAILS))), np.zeros((R, 3))
+    in_threads(_amplitudes, R, r.z, r.seen, inside, cosines, tails, moments)
+    edges = np.clip(ndtri(np.linspace(0, 1, CLASSES + 1)), -FAR_OUT, FAR_OUT)
     for low, high, number in zip(edges[:-1], edges[1:], inside.T):
-        yield _One(low, high, number / np.sqrt(count / classes))
-    # smooth departures from the predicted law (Neyman): the mean of cos(k pi u)
-    last = np.where(r.seen, 1.0, 0.0)
-    one = np.where(r.seen, np.cos(np.pi * u), 0.0)
-    twice, this = 2.0 * one, one
-    for _ in range(8):
-        yield _One(-FAR_OUT, FAR_OUT, this.sum(1) / np.sqrt(0.5 * count))
-        last, this = this, twice * this - last
-    for low, high in ((-FAR_OUT, -3.0), (3.0, FAR_OUT), (-FAR_OUT, -4.0),
-                      (4.0, FAR_OUT)):
-        inside = ((r.z >= low) & (r.z < high)).sum(1)
-        expected = count * ndtr(-min(abs(low), abs(high)))
+        yield _One(low, high, number / np.sqrt(count / CLASSES))
+    # smooth departures from the predicted law (Neyman)
+    for total in cosines.T:
+        yield _One(-FAR_OUT, FAR_OUT, total / np.sqrt(0.5 * count))
+    for k, number in enumerate(tails.T):
+        low = TAILS[k // 2]
         # most counts are 0: their own spread would make a single one stand out
-        yield _One(low, high, _count_score(inside, expected), least=1.0)
-    largest = np.abs(r.z).max(1)
+        yield _One(*((low, FAR_OUT) if k % 2 else (-FAR_OUT, -low)),
+                   _count_score(number, count * ndtr(-low)), least=1.0)
+    largest, cubes, sizes = moments.T
     yield _One(largest[0], FAR_OUT,
                _largest_score(np.log(2.0) + log_ndtr(-largest), count))
-    yield _One(-FAR_OUT, FAR_OUT, (np.clip(r.z, -5, 5)**3).sum(1) / np.sqrt(count))
-    yield _One(-FAR_OUT, FAR_OUT, np.abs(r.z).sum(1) / np.sqrt(count))
+    yield _One(-FAR_OUT, FAR_OUT, cubes / np.sqrt(count))
+    yield _One(-FAR_OUT, FAR_OUT, sizes / np.sqrt(count))
     raw = r.y + r.scene.known
     same = np.abs(np.diff(raw)) <= ROUNDING * np.nanmax(np.abs(raw))
     # fewer than one in a hundred are how a file was printed
     yield _One(0.0, 0.0, same.sum(1).astype(float), least=1.0 + 0.01 * same.shape[1])
+
+
+@njit(**KERNEL)
+def _amplitudes(first, last, z, seen, inside, cosines, tails, moments):
+    """Of records z (R, N): how many lie in even classes of their probability u, sums of
+    cos(k pi u), how many lie beyond TAILS on either side; the largest |z|, the sum of
+    cubes up to five standard deviations, and of |z|.
+    """
+    for record in range(first, last):
+        for i in range(z.shape[1]):
+            if not seen[record, i]:
+                continue
+            value, size = z[record, i], abs(z[record, i])
+            u = 0.5 * math.erfc(-value * math.sqrt(0.5))
+            inside[record, min(int(CLASSES * u), CLASSES - 1)] += 1.0
+            before, this = 1.0, math.cos(math.pi * u)
+            twice = 2.0 * this
+            for k in range(SMOOTH):
+                cosines[record, k] += this
+                before, this = this, twice * this - before
+            for k in range(len(TAILS)):
+                if size >= TAILS[k]:
+                    tails[record, 2 * k + (value > 0.0)] += 1.0
+            moments[record, 0] = max(moments[record, 0], size)
+            moments[record, 1] += min(max(value, -5.0), 5.0)**3
+            moments[record, 2] += size
 
 
 def _in_covariates(r):

@@ -1,0 +1,181 @@
+"""Directed evidence: what one further signature of every family is worth, Eq. (11), and
+the most probable signature of a family.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from sensorid import probabilities
+from sensorlab.gap.account import account
+from sensorlab.gap.effects import BLOCK, LONG_RECORD, Found, columns_of, psi_of
+from sensorlab.gap.evidence import Sample, normalized
+from sensorlab.gap.filters import Signature, log_likelihoods, solve
+from sensorlab.gap.scans import is_coarse, refined, scores
+from sensorlab.gap.signatures import SIZES, bayes_table, log_bayes, mean_bayes
+
+NODE_BLOCK = 4 * BLOCK    # samples of one record at many nodes that are worked on at a
+                          # time; few leave cores idle
+
+NODES = 32            # of a posterior: its evidence is then good to 0.2 nat
+MAX_ADDED = 3         # signatures whose posteriors give nodes
+SLIGHT = 1e-3         # share of a hypothesis that gives none
+
+
+def nodes_for(scene):
+    """Nodes that stand for a posterior: of a long record it is narrow."""
+    return NODES // (1 if len(scene.y) <= LONG_RECORD else
+                     2 if len(scene.y) <= 10 * LONG_RECORD else 4)
+
+
+def directed(scene, reference, listed, table=None):
+    """Of every hypothesis of an account without jumps a `Sample`: its evidence with no
+    further signature, and with one of each family.
+
+    Nodes come from its posterior and, where a signature moves that, from the one with
+    it: importance sampling from their mixture. `table` is that of ln B, by default
+    `bayes_table`.
+    """
+    table, latest, added = table or bayes_table(), reference, set()
+    scored = [[] for _ in reference.hypotheses]
+    while True:
+        shares = probabilities([s.log_evidence[0] for s in latest.samples])
+        for number, share in enumerate(shares):
+            if share > SLIGHT:
+                scored[number].append(_scored(scene, reference, latest, number, listed,
+                                              table))
+        samples = [_pooled(scene, own, past, len(listed))
+                   for own, past in zip(scored, reference.samples)]
+        best = int(np.logaddexp.reduce([s.log_evidence for s in samples]).argmax())
+        if (best == 0 or best in added or len(added) == MAX_ADDED
+                or _effective(samples, best) > 0.5 * nodes_for(scene)):
+            return samples
+        added.add(best)
+        signature, _ = estimate_signature(scene, reference, listed[best - 1], samples,
+                                          best, 1)
+        latest = account(scene, reference.bases, reference.hypotheses,
+                         (*reference.signatures, signature), past=reference)
+
+
+class _Scored(NamedTuple):
+    """A hypothesis at nodes of its posterior in an account."""
+
+    theta: np.ndarray             # (M, p)
+    log_likelihood: np.ndarray    # (M, 1 + F) with no further signature, with each
+    hypothesis: object            # Member
+    account: object               # Account
+    log_evidence: float           # there
+
+
+def _scored(scene, reference, latest, number, listed, table):
+    """`_Scored` of hypothesis `number` at nodes of its posterior in the latest account.
+    """
+    h, past = reference.hypotheses[number], latest.samples[number]
+    theta = past.nodes(nodes_for(scene) if np.ptp(past.theta) else 1)
+
+    def of_part(theta):
+        solved, result = solve(h, scene, reference.signatures, theta), []
+        for family in listed:
+            found = scores(scene, family, solved)
+            result.append(solved.base + mean_bayes(found.gain, table[found.k]))
+        return np.column_stack([solved.base, *result])
+    count = -(-len(theta) * len(scene.y) // NODE_BLOCK)
+    ll = np.vstack([of_part(part) for part in np.array_split(theta, count)])
+    return _Scored(theta, ll, h, latest, past.log_evidence[0])
+
+
+def _pooled(scene, scored, past, families):
+    """`Sample` of a hypothesis from its nodes; `past` is that of the reference."""
+    none = past.log_evidence[0]
+    if not scored:
+        return past._replace(log_evidence=np.append(none, np.full(families, -np.inf)))
+    theta = np.vstack([s.theta for s in scored])
+    ll = np.vstack([s.log_likelihood for s in scored])
+    # ln of the density of the mixture that the nodes are from, over that of the prior
+    mixture = logsumexp([
+        np.log(len(s.theta)) - s.log_evidence + log_likelihoods(
+            s.hypothesis, scene, s.account.signatures, theta) for s in scored], axis=0)
+    return Sample(theta, None, -mixture, ll, np.append(
+        none, logsumexp(ll[:, 1:] - mixture[:, None], axis=0)))
+
+
+def _effective(samples, number):
+    """Effective nodes of the hypothesis that has most evidence for a family."""
+    best = max(samples, key=lambda s: s.log_evidence[number])
+    w = normalized(best.log_weight + best.log_likelihood[:, number])
+    return 1.0 / np.sum(w**2)
+
+
+class _Sizes(NamedTuple):
+    """Posterior of the size of signatures near the best: nodes, psi, prior variances.
+    """
+
+    mass: np.ndarray      # (M, m, v)
+    mean: np.ndarray      # (M, m, v)
+    second: np.ndarray    # (M, m, v) moment
+    psi: np.ndarray       # (m, d)
+    variant: np.ndarray   # (m,)
+
+
+def estimate_signature(scene, reference, family, samples, number, count=None):
+    """The most probable signature of a family, as a `Signature` and as a `Found` whose
+    values are (mean, sd).
+
+    `number` is that of the family in the evidence of the samples. Moments are over
+    hypotheses, `count` nodes of each, psi and prior variances of the size.
+    """
+    count = count or nodes_for(scene) // 2
+    shares = probabilities([s.log_evidence[number] for s in samples])
+    pieces = [_sizes(h, scene, reference.signatures, family,
+                     sample.nodes(count, number), share)
+              for h, sample, share in zip(reference.hypotheses, samples, shares)
+              if share > SLIGHT]
+    best = max(pieces, key=lambda p: p.mass.sum((0, 2)).max())
+    at = best.mass.sum((0, 2)).argmax()
+    psi, variant = best.psi[at].tolist(), str(best.variant[at])
+    # the sizes of different variants have different units
+    pieces = [(p.mass[:, own], p.mean[:, own], p.second[:, own], p.psi[own])
+              for p in pieces for own in [p.variant == variant]]
+    total = sum(p[0].sum() for p in pieces)
+
+    def expected(part):
+        return float(sum((p[0] * part(p)).sum() for p in pieces) / total)
+    effect = family.effect
+    values = {}
+    for k, p in enumerate(effect.parameters(scene)):
+        mean = expected(lambda p: p[3][:, k, None])
+        values[p.symbol] = mean, float(np.sqrt(expected(
+            lambda p: (p[3][:, k, None] - mean)**2)))
+    size = expected(lambda p: p[1])
+    sd = float(np.sqrt(max(expected(lambda p: p[2]) - size**2, 0.0)))
+    values[effect.size] = size, sd
+    found = Found(effect, family.column, variant, values, float(total))
+    numbers = {**dict(zip(values, psi)), effect.size: size}
+    return Signature(found._replace(values=numbers),
+                     columns_of(scene, effect, family.column, variant,
+                                psi_of(scene, effect, numbers)),
+                     3.0 * float(np.hypot(size, sd))), found
+
+
+def _sizes(h, scene, signatures, family, theta, share):
+    """`_Sizes` of a hypothesis of a given share at some nodes."""
+    theta, times = np.unique(theta, axis=0, return_counts=True)
+    if is_coarse(scene, family):
+        one = solve(h, scene, signatures, theta[times.argmax()][None])
+        family = refined(scene, family, scores(scene, family, one))
+    found = scores(scene, family, solve(h, scene, signatures, theta))
+    near = np.flatnonzero(found.gain.max(0) > found.gain.max() - 60.0)
+    each = log_bayes(found.gain[:, near], found.k)
+    mass = np.exp(each - logsumexp(each, axis=(1, 2), keepdims=True))
+    # moments along the estimate of the normal law times its squared size
+    shrink = SIZES / (1.0 + SIZES)
+    k, square = found.k, (found.size[:, near, None] * shrink)**2
+    variance = found.sd[:, near, None]**2 * shrink
+    mean = found.size[:, near, None] * shrink * (
+        (square + (k + 2) * variance) / (square + k * variance))
+    second = (square**2 + (k + 5) * square * variance + (k + 2) * variance**2) / (
+        square + k * variance)
+    variant = np.array(found.variant or [""] * len(found.psi))
+    return _Sizes(mass * share * (times / times.sum())[:, None, None], mean, second,
+                  found.psi[near].reshape(len(near), -1), variant[near])

@@ -1,0 +1,73 @@
+"""Screens: what the normal scores of a filter alone say of outliers and of a change of
+noise. Where they see nothing, the filters that would tell exactly need not run.
+"""
+
+import numpy as np
+from scipy.special import logsumexp
+
+from sensorid import LOG_2PI
+
+FEW = -2.0        # ln B below which a screen has the last word
+ONSETS = 2048     # at most, that are tried
+RATIOS = 33       # values of a parameter that are tried
+SCALES = np.geomspace(0.5, 1.05, 25)    # of the other samples, where some are outliers
+
+
+def screened(effect, scene, z, variance):
+    """About ln B of an effect from normal scores z (N,) of innovations of that
+    variance; NaN where no screen knows the effect.
+
+    What else the filter knows is taken to stay as it is, but for the scale of the
+    noise.
+    """
+    screen = SCREENS.get(effect.name)
+    if screen is None or np.isnan(variance):
+        return np.nan
+    gain = screen(scene, [p.quantile((np.arange(RATIOS) + 0.5) / RATIOS)
+                          for p in effect.parameters(scene)], z, variance)
+    # two more parameters: as for an account, no more than by Akaike's correction
+    return float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0))
+
+
+def usual_variance(z, log_score):
+    """Variance of most innovations, of these normal scores and log densities (N,); NaN
+    where the filter foretells none.
+    """
+    near = np.abs(z) < 5.0
+    return np.exp(-np.median(2.0 * log_score[near] + z[near]**2) - LOG_2PI) if (
+        near.any()) else np.nan
+
+
+def _change_of_noise(scene, values, z, variance):
+    """Gains (ratios, onsets) of the log-likelihood over that of even noise."""
+    seen, (onset, ratio) = ~np.isnan(z), values
+    first, last = np.searchsorted(scene.time, onset[[0, -1]])
+    at = np.unique(np.linspace(first, last, ONSETS).astype(int))
+    early = np.append(0.0, np.cumsum(np.where(seen, z, 0.0)**2))[at]
+    before, count = np.append(0, np.cumsum(seen))[at], seen.sum()
+    total = np.nansum(z**2)
+    even = (early + (total - early) / ratio[:, None]**2) / total
+    return -0.5 * count * np.log(even) - (count - before) * np.log(ratio)[:, None]
+
+
+def _outliers(scene, values, z, variance):
+    """Gains (rates, sigmas) of the log-likelihood over that without outliers."""
+    seen = np.abs(z[~np.isnan(z)])
+    edges = np.concatenate([np.linspace(0.0, 8.0, 401), np.geomspace(8.1, 1e4, 200)])
+    count, _ = np.histogram(seen, edges)
+    square = (0.5 * (edges[1:] + edges[:-1])[count > 0])**2
+    count = count[count > 0]
+    rate, sigma = values
+    wide = sigma**2 / variance
+    best = np.full((len(rate), len(wide)), -np.inf)
+    for scale in SCALES:
+        own, other = scale**2, scale**2 + wide[:, None]
+        bulk = np.exp(-0.5 * square / own) / scale
+        tail = np.exp(-0.5 * square / other) / np.sqrt(other)
+        law = (1.0 - rate[:, None, None]) * bulk + rate[:, None, None] * tail
+        best = np.maximum(best, np.log(law + 1e-300) @ count)
+    scale = np.sqrt(square @ count / count.sum())
+    return best - count @ (-0.5 * square / scale**2 - np.log(scale))
+
+
+SCREENS = dict(noise_step=_change_of_noise, outliers=_outliers)

@@ -1,0 +1,64 @@
+"""Directed evidence against importance sampling of the whole, and the screens against
+the filters they spare.
+"""
+
+import generator
+import numpy as np
+import pytest
+from conftest import DT, MODEL, member, scene_of
+from numpy.testing import assert_allclose
+
+from sensorlab import CATALOGUE, Scene
+from sensorlab.gap import directed, evidence, filters, scans, screens, signatures
+from sensorlab.gap.account import account
+
+
+@pytest.mark.parametrize("level", [0, 4])    # nothing, and an effect of 100 nats that
+def test_nodes_of_two_posteriors_give_the_evidence(level):    # moves the posterior
+    scene = scene_of(generator.record(7, 1, ["temperature"] if level else [],
+                                      level=level or 1))
+    h = member(scene, MODEL[1])
+    listed = signatures.families(scene, [CATALOGUE[name] for name in (
+        "rate_ramp", "bias_step", "temperature", "turn_on_transient")])
+    table = signatures.bayes_table()
+
+    def log_likelihood(theta):
+        solved = filters.solve(h, scene, (), theta)
+        found = [scans.scores(scene, family, solved) for family in listed]
+        return np.column_stack([solved.base, *(
+            solved.base + signatures.mean_bayes(one.gain, table[one.k])
+            for one in found)])
+    whole = evidence.integrate(log_likelihood, h.parameters, enough=400.0)
+    (sample,) = directed.directed(scene, account(scene, [h]), listed)
+    gain = whole.log_evidence - whole.log_evidence[0]
+    assert (gain.max() > 50.0) == (level == 4)
+    near = gain > gain.max() - 10.0    # of the others, nodes of theirs would tell
+    assert_allclose(sample.log_evidence[near], whole.log_evidence[near], atol=0.4)
+
+
+def ln_bayes(scene, h, name):
+    """By the filters, and by the screen."""
+    base = account(scene, [h])
+    full = account(scene, [h], [h.with_effect(CATALOGUE[name])], past=base)
+    seen = filters.predict(h, scene, (), base.theta[None])
+    z = seen.z[0, 0]
+    return full.log_evidence - base.log_evidence, screens.screened(
+        CATALOGUE[name], scene, z, screens.usual_variance(z, seen.log_score[0, 0]))
+
+
+@pytest.mark.parametrize("name", screens.SCREENS)
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_screen_tells_about_what_the_filters_tell(name, share):
+    rng = np.random.default_rng(8)
+    y = np.cumsum(0.05 * rng.standard_normal(1500)) + 0.5 * rng.standard_normal(1500)
+    other = dict(noise_step=0.4 * (np.arange(1500) > 900),
+                 outliers=2.0 * (rng.random(1500) < 0.01))[name]
+    scene = Scene(y + share * other * rng.standard_normal(1500), DT, {})
+    exact, about = ln_bayes(scene, member(scene, MODEL[0]), name)
+    assert (exact > 3.0) == bool(share)
+    assert_allclose(about, exact, atol=1.0 + 0.2 * abs(exact))
+
+
+def test_a_screen_knows_no_other_effect():
+    scene = Scene(np.zeros(100), DT, {})
+    assert np.isnan(screens.screened(CATALOGUE["bandwidth"], scene, scene.y, 1.0))
