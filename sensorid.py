@@ -114,6 +114,8 @@ try:
     CACHE = bool(njit(cache=True)(lambda: None))
 except RuntimeError:    # neither this folder nor the user's own cache can be written
     CACHE = False
+# vectors are as wide as LLVM has it for a processor: 512 bits on Zen 5 (30 % less time
+# than 256); NUMBA_CPU_FEATURES=-prefer-256-bit forces them in all code of a process
 JIT = dict(cache=CACHE, error_model="numpy", fastmath={"contract"})
 LOG_2PI = np.log(2.0 * np.pi)
 
@@ -1458,7 +1460,8 @@ class Estimate(NamedTuple):
     theta: np.ndarray            # (M, p) point masses
     weight: np.ndarray           # (M,) mu^kj, sum to 1
     nodes_per_sd: np.ndarray     # (d,) along each axis of the last grid
-    settled: bool                # a finer grid said the same
+    settled: bool                # a finer grid said the same, to SETTLED; where nodes
+                                 # are drawn, two standard errors are below it
     updates: int                 # filter steps that it took, all grids together
 
 
