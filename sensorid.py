@@ -115,7 +115,7 @@ try:
 except RuntimeError:    # neither this folder nor the user's own cache can be written
     CACHE = False
 # vectors are as wide as LLVM has it for a processor: 512 bits on Zen 5 (30 % less time
-# than 256); NUMBA_CPU_FEATURES=-prefer-256-bit forces them in all code of a process
+# than 256); NUMBA_CPU_FEATURES forces them in all code of a process, no module should
 JIT = dict(cache=CACHE, error_model="numpy", fastmath={"contract"})
 LOG_2PI = np.log(2.0 * np.pi)
 
