@@ -2520,10 +2520,18 @@ def allan_misfit(y, dt, estimate):
 
 # ---- 7. Front door -------------------------- a plain CSV, where this file is alone
 
+SUMMARY = "hypothesis", "probability", "parameters, mean +- standard deviation"
+
+
 def summary(posterior, unit="u"):
     """The answer of `identify` as text."""
-    lines = [f"{'hypothesis':<20}{'probability':>11}  "
-             "parameters, mean +- standard deviation"]
+    rows = [SUMMARY, *summary_rows(posterior, unit)]
+    return "\n".join([*(f"{name:<20}{probability:>11}  {text}"
+                        for name, probability, text in rows), decided(posterior)])
+
+
+def summary_rows(posterior, unit="u"):
+    """Rows under `SUMMARY`, most probable hypothesis first."""
     for k in np.argsort(-posterior.probability):
         e = posterior.estimates[k]
         text = ", ".join(
@@ -2532,17 +2540,19 @@ def summary(posterior, unit="u"):
             + ("/s" if p.symbol == "slope" else "") + _at_an_end(p, m, sd)
             for p, m, sd in zip(e.hypothesis.parameters, e.mean,
                                 np.sqrt(np.diag(e.covariance))))
-        lines.append(
-            f"{e.hypothesis.name:<20}{posterior.probability[k]:>11.4f}  {text}")
+        yield e.hypothesis.name, f"{posterior.probability[k]:.4f}", text
         if not e.settled:
-            lines.append(
-                f"{'':<33}coarse: a finer grid than one of "
-                f"{e.nodes_per_sd.min():.2g} nodes per standard deviation is needed")
+            yield "", "", ("coarse: a finer grid than one of "
+                           f"{e.nodes_per_sd.min():.2g} nodes per standard deviation "
+                           "is needed")
+
+
+def decided(posterior):
+    """What `decide` says, in a sentence."""
     chosen = decide(posterior)
-    lines.append(f"decision at threshold {GAMMA}: " + (
+    return f"decision at threshold {GAMMA}: " + (
         "none, record longer" if chosen is None else
-        posterior.estimates[chosen].hypothesis.name))
-    return "\n".join(lines)
+        posterior.estimates[chosen].hypothesis.name)
 
 
 def _at_an_end(p, mean, sd):

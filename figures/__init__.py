@@ -12,14 +12,15 @@ try:
     import matplotlib
 
     import sensorid
+    from sensorlab.drawings.style import STYLE, with_plain_logs
 except KeyboardInterrupt:    # of `python -m figures`, which starts here
     raise SystemExit("figures: interrupted") from None
 
 matplotlib.use("Agg")
 matplotlib.rcParams.update({
-    "figure.figsize": (6.4, 4.2), "figure.dpi": 100, "savefig.dpi": 150,
-    "figure.constrained_layout.use": True, "axes.grid": True, "grid.alpha": 0.3,
-    "legend.frameon": False, "font.size": 10})
+    **STYLE, "text.parse_math": True, "axes.titleweight": "normal",
+    "figure.figsize": (6.4, 4.2), "figure.constrained_layout.use": True,
+    "savefig.dpi": 150})
 
 OUTPUT = pathlib.Path(__file__).parent / "output"
 COLOURS = "tab:red", "tab:green", "tab:blue", "black", "tab:orange"
@@ -86,6 +87,7 @@ def save(fig, name):
     """PNG and PDF."""
     import matplotlib.pyplot as plt
     OUTPUT.mkdir(exist_ok=True)
+    with_plain_logs(fig)
     for kind in ("png", "pdf"):
         fig.savefig(OUTPUT / f"{name}.{kind}")
     plt.close(fig)

@@ -42,6 +42,9 @@ def draw(results):
               xscale="log", title="Figure 4b")
     prior = np.diff(RANGES[0])[0] / np.sqrt(12) / np.mean(RANGES[0])
     right.axhline(prior, color="0.6", linestyle=":", label="prior")
+    low, high = left.get_ylim()
+    left.set_ylim(low, 6.0 * high)    # room for the legend
+    left.legend(fontsize="small", loc="upper left", ncols=2)
     right.legend(fontsize="small")
     return fig
 

@@ -1,6 +1,7 @@
 """The laboratory around `sensorid`: why a simulated record differs from a real one,
 other algorithms, files, pictures, the command line.
 
+    tables         sentences and tables as text of any width
     gap/           effect, size and place of what a simulator lacks; see `sensorlab.gap`
     rivals         other algorithms, the Cramer-Rao bound
     readers/       recordings as files and programs hold them
@@ -8,7 +9,8 @@ other algorithms, files, pictures, the command line.
     foreign/       data sheets and other programs' files as model files
     modelfiles     simulators as files hold them; modelschema says what is in them
     exports/       the sensor in the format of other programs
-    drawings       the pictures of --plot and of a diagnosis
+    drawings/      the pictures of --plot and of a diagnosis
+    pages/         a diagnosis as one page of HTML
     commands/      the command line
 
 What is public can be taken from here; it is imported when it is asked for.
@@ -24,7 +26,7 @@ _HOME = dict(
     CATALOGUE="gap.catalogue", Effect="gap.effects", Found="gap.effects",
     Scene="gap.effects", Simulator="gap.effects", simulate_effects="gap.effects",
     diagnose="gap.diagnosis", augmented="gap.diagnosis",
-    report="gap.report", table="gap.report")
+    report="gap.report", table="gap.words", page="pages")
 __all__ = list(_HOME)
 
 

@@ -8,6 +8,7 @@ import sensorid
 import sensorlab
 from sensorlab import Scene
 from sensorlab.gap.effects import Member
+from sensorlab.readers import Recording
 
 REAL = pathlib.Path(__file__).parent.parent.parent / "shared" / "data" / "real"
 
@@ -77,6 +78,30 @@ def short():
     seen = ~np.isnan(y)
     scene = Scene(y, DT, {})
     return scene, member(scene, MODEL[1]), theta, dense(theta[0], 200), seen
+
+
+def _answer(name, y, effects, **change):
+    """A diagnosis against white noise, and its recording."""
+    d = sensorlab.diagnose(y, DT, WHITE, effects=[
+        sensorlab.CATALOGUE[effect] for effect in effects])
+    return d._replace(**change), Recording(f"{name}.csv", "gyro", y, DT, unit="mg")
+
+
+@pytest.fixture(scope="session")
+def answers():
+    """A diagnosis with its recording for every kind of verdict."""
+    rng = np.random.default_rng(4)
+    y = rng.standard_normal(800)
+    step, spikes = y + 1.0 * (np.arange(800) > 500), y.copy()
+    spikes[::60] += 12.0 * rng.standard_normal(14)
+    some = "bias_step", "outliers", "quantization"
+    return dict(
+        none=_answer("none", y, some), bias_step=_answer("step", step, some),
+        outliers=_answer("outliers", spikes, some),
+        quantization=_answer("rounded", 1.5 * np.round(y / 1.5), some),
+        unknown=_answer("unknown", rng.exponential(size=800) - 1.0, ()),
+        undecided=_answer("undecided", step, some, verdict="undecided",
+                          needed_duration=5000.0))
 
 
 RATES = {}    # filled by bench_bank.py

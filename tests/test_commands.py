@@ -1,5 +1,6 @@
 """The command line, as it is typed."""
 
+import hashlib
 import json
 import os
 import pathlib
@@ -124,7 +125,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
                   "--target-rsd tau_m=0.01 --design sigma_v=0.1,0.5 --design dt=0.5,1 "
                   "--json t.json --csv t.csv --plot t.png".split()) == 0
     said = capsys.readouterr().out
-    assert said.count("error_probability 0.3") == 4 and "not within 200 s" in said
+    assert said.count("error_probability 0.3") == 4 and "not within 200" in said
     rows = pathlib.Path("t.csv").read_text().splitlines()
     assert rows[0].startswith("dt,sigma_v,label,target,duration") and len(rows) == 9
     needed = json.loads(pathlib.Path("t.json").read_text())["needed"]
@@ -300,11 +301,15 @@ def test_diagnose_writes_what_simulate_draws(tmp_path, capsys):
     assert main(["diagnose", str(tmp_path / "r.npz"), "--model",
                           str(tmp_path / "m.json"), "--out", str(folder)]) == 0
     table = capsys.readouterr().out
-    assert "verdict: temperature" in table and "confused with" in table
+    assert "verdict: temperature" in table and "easily taken for" in table
     report = json.loads((folder / "report.json").read_text())
     assert report["verdict"] == report["causes"][0]["effect"] == "temperature"
     assert sum(c["probability"] for c in report["causes"]) == pytest.approx(1.0)
     assert (folder / "report.png").stat().st_size > 10000
+    html = (folder / "report.html").read_text()
+    for name in ("r.npz", "m.json"):
+        assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() in html
+    assert f"sensorid diagnose {tmp_path / 'r.npz'} --model" in html
     assert main(["simulate", str(folder / "model.json"), "--like",
                           str(tmp_path / "r.npz"), "--records", "50", "--out",
                           str(tmp_path / "s.npz")]) == 0

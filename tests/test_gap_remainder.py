@@ -6,7 +6,7 @@ import pytest
 from conftest import DT, MODEL, WHITE, diagnosed
 
 import sensorlab
-from sensorlab.gap import report
+from sensorlab.gap import report, words
 
 CATALOGUE = sensorlab.CATALOGUE
 
@@ -22,7 +22,7 @@ def test_what_no_effect_explains_stands_beside_what_one_does():
     text = report.report(d, sensorlab.Record("r", "error", y, DT))
     assert text["found"][0]["probability"] > 0.9
     assert text["gap"]["remainder"]["where"]["place"] in ("time", "lag", "amplitude")
-    assert "what is left fits no effect" in report.table(
+    assert "what is left fits no effect" in words.table(
         d, sensorlab.Record("r", "error", y, DT), "u")
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import sensorid
 import sensorlab
-from sensorlab.gap import report
+from sensorlab.gap import sizes, words
 
 
 def test_a_turn_on_transient_and_its_temperature(real):
@@ -60,13 +60,13 @@ def test_two_clusters_of_temperature_are_no_proof_of_it(real):
             ("hot", "cold"), parts)])
         T = np.concatenate([z[f"{k}_temp"][part].astype(float) for k, part in zip(
             ("hot", "cold"), parts)])
-    low, high = report.clusters(T)
+    low, high = words.clusters(T)
     assert low[1] < 14.0 and high[0] > 47.0
     d = sensorlab.diagnose(y, 0.02, sensorid.default_hypotheses(y, 0.02),
                           dict(temperature=T))
     assert any("temperature" in c.effect or "thermal_lag" in c.effect or
                "bias_step" in c.effect for c in d.causes[:4])
-    text = report.table(d, sensorlab.Record("r", "gyro", y, 0.02, dict(
+    text = words.table(d, sensorlab.Record("r", "gyro", y, 0.02, dict(
         temperature=T)), "deg/s")
     if any(s.found.column for s in d.final.signatures):
         assert "never between" in text
@@ -85,4 +85,4 @@ def test_published_noise_14_times_too_large_is_a_wrong_parameter(real):
     assert d.verdict == "wrong_parameter"
     factor, sd = d.found[0].values["factor"]
     assert factor == pytest.approx(density / published, rel=0.1)
-    assert "root of the rate" in report.looks_like(factor, 0.1 * factor, 1.0 / rate)
+    assert "root of the rate" in sizes.looks_like(factor, 0.1 * factor, 1.0 / rate)

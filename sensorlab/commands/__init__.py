@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import importlib
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -16,7 +17,9 @@ def main(argv=None):
     """Run the command line; returns the exit status: 0 done, 2 bad input, 130
     interrupted, 141 if nobody reads what is printed.
     """
-    options = argparse.Namespace(checkpoint=None)
+    typed = sys.argv[1:] if argv is None else argv
+    options = argparse.Namespace(checkpoint=None, typed=shlex.join(
+        ["sensorid", *map(str, typed)]))
 
     def work():
         parser().parse_args(argv, options)

@@ -6,10 +6,13 @@ from sensorid import default_hypotheses
 from sensorlab.commands.shared import (
     check_outputs, in_unit, progress_bar, read, refuse_unused, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
+from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import augmented, diagnose
 from sensorlab.gap.effects import Simulator
-from sensorlab.gap.report import described, report
+from sensorlab.gap.report import report
+from sensorlab.gap.words import described
 from sensorlab.modelfiles import Model, model_text
+from sensorlab.tables import show
 
 
 def run(options):
@@ -33,5 +36,5 @@ def run(options):
         write_text(options.save_model, model_text(Model(
             record.dt, unit, simulator, pathlib.Path(record.file).name)))
     if plt:
-        save(draw_diagnosis(plt, d, record, unit), options.plot)
-    print(f"{record.heading}\n{described(d, h, unit)}")
+        save(draw_diagnosis(d, view(d), record, unit), options.plot)
+    show(record.heading, *described(d, h, unit))

@@ -14,6 +14,7 @@ from sensorlab.drawings import draw_criteria, draw_design, matplotlib_for_files,
 from sensorlab.modelfiles import read_model
 from sensorlab.planning import at_condition
 from sensorlab.rivals import ALGORITHMS
+from sensorlab.tables import Table, show
 
 
 def run(options):
@@ -45,7 +46,7 @@ def run(options):
                                for key, part in r._asdict().items()}
                         for name, r in result.rivals.items()}))
     if plt:
-        save(draw_criteria(plt, result), options.plot)
+        save(draw_criteria(result), options.plot)
     _show(result, options, model)
 
 
@@ -53,23 +54,24 @@ def _show(result, options, model):
     """The criteria as tables."""
     _say_posterior(options, model)
     error = result.error_probability
-    print(f"{result.trials} trials of {options.duration:g} s at {model.dt:g} s, seed "
-          f"{options.seed}; real / calculated, +- standard error")
-    print(f"{'time, s':>10}  {'error probability':<28}"
-          + "".join(f"{'RSD ' + label:<28}" for label in result.labels))
-    shown = np.unique(np.linspace(0, len(result.time) - 1, 12).astype(int))
-    for i in shown:
-        print(f"{result.time[i]:>10.4g}  " + "".join(
-            f"{f'{c.real[i]:.4f} / {c.calculated[i]:.4f} +- {c.real_se[i]:.4f}':<28}"
-            for c in (error, *result.rsd)))
+    times = np.unique(np.linspace(0, len(result.time) - 1, 12).astype(int))
+    show(f"{result.trials} trials of {options.duration:g} s at {model.dt:g} s, seed "
+         f"{options.seed}; real / calculated, +- standard error",
+         Table(("time, s", "error probability", *(f"RSD {label}"
+                                                  for label in result.labels)), tuple(
+             (f"{result.time[i]:.4g}", *(
+                 f"{c.real[i]:.4f} / {c.calculated[i]:.4f} +- {c.real_se[i]:.4f}"
+                 for c in (error, *result.rsd))) for i in times), (0,), keys=1))
     for name, r in result.rivals.items():
-        print(f"\n{name}, on the same trials; error probability and what it is above "
-              "the Bayesian one, then efficiencies")
-        for i in shown:
-            print(f"{result.time[i]:>10.4g}  " + f"{r.error_probability[i]:.4f}, "
-                  + f"{f'{r.excess[i]:+.4f} +- {r.excess_se[i]:.4f}':<20}" + "".join(
-                      f"{f'{e[i]:.2f} +- {se[i]:.2f}':<28}"
+        show("", f"{name}, on the same trials; excess: over the Bayesian error "
+             "probability; efficiency: Bayesian variance over its own",
+             Table(("time, s", "error probability", "excess", *(
+                 f"efficiency {label}" for label in result.labels)), tuple(
+                 (f"{result.time[i]:.4g}", f"{r.error_probability[i]:.4f}",
+                  f"{r.excess[i]:+.4f} +- {r.excess_se[i]:.4f}", *(
+                      f"{e[i]:.2f} +- {se[i]:.2f}"
                       for e, se in zip(r.efficiency, r.efficiency_se)))
+                 for i in times), (0,), keys=1))
 
 
 def _say_posterior(options, model):
@@ -129,15 +131,14 @@ def _targets_command(options, model):
         answer = record_length(hypotheses, interval, options.duration, options.target,
                                rsd, trials, options.seed,
                                checkpoint=options.checkpoint, progress=progress_bar)
-        condition = f"dt {interval:g} s" + (
-            f", sigma_v {sigma_v:g} {model.unit} at {model.dt:g} s" if sigma_v else "")
+        varied = (f"{sigma_v:g}",) if sigma_v else ()
         for n in answer:
             rows.append(dict(dt=interval, sigma_v=sigma_v, **n._asdict()))
-            found = (f"{n.duration:.4g} s [{n.interval[0]:.4g}, {n.interval[1]:.4g}]"
+            found = (f"{n.duration:.4g} [{n.interval[0]:.4g}, {n.interval[1]:.4g}]"
                      if n.duration == n.duration else
-                     f"not within {options.duration:g} s, {n.reached:.4g} there")
-            line = f"{condition}: {n.label} {n.target:g}: {found}"
-            lines.append("; ".join(filter(None, (line, n.reason))))
+                     f"not within {options.duration:g}, {n.reached:.4g} there")
+            lines.append((f"{interval:g}", *varied, f"{n.label} {n.target:g}", found,
+                          n.reason or ""))
     if options.json:
         write_json(options.json, dict(seed=options.seed, trials=trials, needed=rows))
     if options.csv:
@@ -150,8 +151,12 @@ def _targets_command(options, model):
             *r["interval"], r["reached"])] for r in rows)
         write_text(options.csv, text.getvalue())
     if plt:
-        save(draw_design(plt, rows, options.duration, model.unit), options.plot)
+        save(draw_design(rows, options.duration, model.unit), options.plot)
     _say_posterior(options, model)
-    print(f"shortest record [95 % interval], {trials} trials of {options.duration:g} s "
-          f"at most, seed {options.seed}")
-    print("\n".join(lines))
+    white = (f"sigma_v, {model.unit} at {model.dt:g} s",) * ("sigma_v" in design)
+    if not any(reason for *_, reason in lines):
+        lines = [line[:-1] for line in lines]
+    show(f"shortest record [95 % interval], {trials} trials of {options.duration:g} s "
+         f"at most, seed {options.seed}",
+         Table(("dt, s", *white, "wanted", "record, s", "why")[:len(lines[0])],
+               tuple(lines)))

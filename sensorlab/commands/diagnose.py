@@ -9,10 +9,14 @@ from sensorlab.commands.shared import (
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
 from sensorlab.gap.effects import Scene, Simulator, describe
-from sensorlab.gap.report import report, table
+from sensorlab.gap.report import report
+from sensorlab.gap.words import told
 from sensorlab.modelfiles import Model, check_onsets, model_text, read_model
+from sensorlab.pages import page, provenance
+from sensorlab.tables import show
 from sensorlab.units import quote_table
 
 
@@ -28,7 +32,8 @@ def run(options):
         raise ValueError("diagnose needs a record (--effects alone does without)")
     model = read_model(options.model, options.dt) if options.model else None
     folder = _checked_folder(options)
-    plt = matplotlib_for_files() if folder else None
+    if folder:
+        matplotlib_for_files()
     beside = None if options.covariates is None else [
         part for part in options.covariates.split(",") if part]
     record, unit = in_unit(read(options, model, beside), options, model)
@@ -50,12 +55,16 @@ def run(options):
                    model_text(Model(record.dt, unit, simulator,
                                     pathlib.Path(record.file).name)))
         write_json(folder / "report.json", report(d, record))
-        save(draw_diagnosis(plt, d, record, unit), folder / "report.png")
-    print(table(d, record, unit), end="")
+        seen, files = view(d), [("record", record.file), ("simulator", options.model),
+                                ("simulated records", options.simulated)]
+        save(draw_diagnosis(d, seen, record, unit), folder / "report.png")
+        write_text(folder / "report.html", page(
+            d, record, unit, provenance(files, options.typed), seen))
+    show(*told(d, record, unit))
     if quotes:
         print(f"{h.name}, as data sheets quote it:\n" + quote_table(quotes))
     if folder:
-        print(f"{folder}: report.json, report.png, model.json")
+        print(f"{folder}: report.html, report.png, report.json, model.json")
 
 
 def _checked_folder(options):
@@ -67,8 +76,8 @@ def _checked_folder(options):
         raise ValueError(f"{folder} is a file: a folder is needed")
     check_outputs([], *([folder / "report.json"] if folder.is_dir() else [folder]))
     check_outputs([options.record, options.model, options.simulated],
-                  *(folder / name for name in ("report.json", "model.json")
-                    if folder.is_dir()))
+                  *(folder / name for name in (
+                      "report.html", "report.json", "model.json") if folder.is_dir()))
     return folder
 
 

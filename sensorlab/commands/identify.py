@@ -5,8 +5,8 @@ import pathlib
 import numpy as np
 
 from sensorid import (
-    MODELS, Parameter, allan_misfit, decide, default_hypotheses, identify, matrices,
-    summary)
+    MODELS, SUMMARY, Parameter, allan_misfit, decide, decided, default_hypotheses,
+    identify, matrices, summary_rows)
 from sensorlab.commands import compose
 from sensorlab.commands.shared import (
     as_quoted, check_outputs, in_unit, progress_bar, read, refuse_effects, write_json,
@@ -14,6 +14,7 @@ from sensorlab.commands.shared import (
 from sensorlab.drawings import draw_identify, matplotlib_for_files, save
 from sensorlab.gap.effects import Simulator
 from sensorlab.modelfiles import Model, model_text, read_model
+from sensorlab.tables import Table, show
 from sensorlab.units import quote_table
 
 
@@ -63,10 +64,10 @@ def run(options):
             dt, unit, Simulator((_narrowed(posterior.best),)),
             pathlib.Path(record.file).name)))
     if plt:
-        save(draw_identify(plt, record, posterior, unit), options.plot)
-    print(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing")
-    print(summary(posterior, unit))
-    print(misfit.sentence)
+        save(draw_identify(record, posterior, unit), options.plot)
+    show(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing",
+         Table(SUMMARY, tuple(summary_rows(posterior, unit)), (1,)),
+         decided(posterior), misfit.sentence)
     if "no hypothesis describes" in misfit.sentence and not model:
         print("identify --compose says what its noise is the sum of")
     if quotes:

@@ -166,7 +166,7 @@ def parser():
     four.add_argument("--seed", type=_seed, default=0,
                       help="of the simulated records, >= 0 (default 0)")
     four.add_argument("--out", type=_file, metavar="DIR",
-                      help="folder for report.json, report.png and model.json, "
+                      help="folder for report.html, .png and .json and model.json, "
                            "the simulator with the effects added")
 
     three = commands.add_parser(

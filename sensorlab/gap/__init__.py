@@ -37,5 +37,5 @@ Notation
 The files read in the order of the argument; each takes only from those before it:
 effects, catalogue, kernels, filters, evidence, signatures, readings, account, causes,
 places, distance, closure, drift, twins, flexible, search, remainder, verdict,
-diagnosis, blackbox, report.
+diagnosis, blackbox, sizes, words, report, curves.
 """

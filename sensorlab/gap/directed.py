@@ -20,7 +20,8 @@ NODE_BLOCK = 4 * BLOCK    # samples of one record at many nodes that are worked 
 
 NODES = 32            # of a posterior: its evidence is then good to 0.2 nat
 MAX_ADDED = 3         # signatures whose posteriors give nodes
-SLIGHT = 1e-3         # share of a hypothesis that gives none
+RESCUED = 15.0        # nats below the best, by which nodes of its own may lift one
+SLIGHT = 1e-3         # share of a hypothesis that need not be asked for a size
 
 
 def nodes_for(scene):
@@ -40,20 +41,16 @@ def directed(scene, reference, listed, table=None):
     table, latest, added = table or bayes_table(), reference, set()
     scored = [[] for _ in reference.hypotheses]
     while True:
-        shares = probabilities([s.log_evidence[0] for s in latest.samples])
-        for number, share in enumerate(shares):
-            if share > SLIGHT:
-                scored[number].append(_scored(scene, reference, latest, number, listed,
-                                              table))
-        samples = [_pooled(scene, own, past, len(listed))
+        for number, own in enumerate(scored):
+            own.append(_scored(scene, reference, latest, number, listed, table))
+        samples = [_pooled(scene, own, past)
                    for own, past in zip(scored, reference.samples)]
-        best = int(np.logaddexp.reduce([s.log_evidence for s in samples]).argmax())
-        if (best == 0 or best in added or len(added) == MAX_ADDED
-                or _effective(samples, best) > 0.5 * nodes_for(scene)):
+        number = _ill_known(samples, 0.5 * nodes_for(scene), added)
+        if not number or len(added) == MAX_ADDED:
             return samples
-        added.add(best)
-        signature, _ = estimate_signature(scene, reference, listed[best - 1], samples,
-                                          best, 1)
+        added.add(number)
+        signature, _ = estimate_signature(scene, reference, listed[number - 1], samples,
+                                          number, 1)
         latest = account(scene, reference.bases, reference.hypotheses,
                          (*reference.signatures, signature), past=reference)
 
@@ -85,11 +82,9 @@ def _scored(scene, reference, latest, number, listed, table):
     return _Scored(theta, ll, h, latest, past.log_evidence[0])
 
 
-def _pooled(scene, scored, past, families):
+def _pooled(scene, scored, past):
     """`Sample` of a hypothesis from its nodes; `past` is that of the reference."""
     none = past.log_evidence[0]
-    if not scored:
-        return past._replace(log_evidence=np.append(none, np.full(families, -np.inf)))
     theta = np.vstack([s.theta for s in scored])
     ll = np.vstack([s.log_likelihood for s in scored])
     # ln of the density of the mixture that the nodes are from, over that of the prior
@@ -100,11 +95,18 @@ def _pooled(scene, scored, past, families):
         none, logsumexp(ll[:, 1:] - mixture[:, None], axis=0)))
 
 
-def _effective(samples, number):
-    """Effective nodes of the hypothesis that has most evidence for a family."""
-    best = max(samples, key=lambda s: s.log_evidence[number])
-    w = normalized(best.log_weight + best.log_likelihood[:, number])
-    return 1.0 / np.sum(w**2)
+def _ill_known(samples, enough, added):
+    """Number of a family not added yet that is the best of a hypothesis, may be the
+    best of all, and has not enough effective nodes there; 0 if there is none.
+    """
+    top, result, height = max(s.log_evidence.max() for s in samples), 0, -np.inf
+    for s in samples:
+        best = int(s.log_evidence.argmax())
+        w = normalized(s.log_weight + s.log_likelihood[:, best])
+        if best and best not in added and 1.0 / np.sum(w**2) < min(enough, len(w)) and (
+                s.log_evidence[best] > max(top - RESCUED, height)):
+            result, height = best, s.log_evidence[best]
+    return result
 
 
 class _Sizes(NamedTuple):

@@ -1,0 +1,119 @@
+"""Numbers and sizes as text, with their units."""
+
+import numpy as np
+
+
+def number(x, digits=4):
+    """A number with so many significant digits, without an exponent where one reads as
+    well without.
+
+    Examples
+    --------
+    >>> number(1234.5678), number(0.00012345, 2), number(1.5e-9)
+    ('1235', '0.00012', '1.5e-09')
+    """
+    if not np.isfinite(x) or x and not 1e-4 <= abs(x) < 1e6:
+        return f"{x:.{digits}g}"
+    decimals = digits - 1 - int(np.floor(np.log10(abs(x)))) if x else 0
+    text = f"{round(x, decimals):.{max(decimals, 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def measured(mean, sd):
+    """A value to the digits that its standard deviation leaves it, as text.
+
+    Examples
+    --------
+    >>> measured(122.93, 34.2), measured(0.4, 0.0)
+    ('123 +- 34', '0.4')
+    """
+    if not sd or not np.isfinite(sd):
+        return number(mean)
+    digits = 2 + int(np.floor(np.log10(max(abs(mean), sd))) - np.floor(np.log10(sd)))
+    return f"{number(mean, digits)} +- {number(sd, 2)}"
+
+
+def percent(share):
+    """A share as text, never rounded to none or all of it."""
+    if 0.995 <= share < 1.0:
+        return "> 99 %"
+    return "< 1 %" if 0.0 < share < 0.005 else f"{100.0 * share:.0f} %"
+
+
+def chance(p):
+    """A p-value as text."""
+    return f"{p:.2g}" if p > 1e-12 else "< 1e-12"
+
+
+def odds(log_bayes):
+    """How much more probable a cause makes the record than none does, as text."""
+    if log_bayes > np.log(1e99):
+        return "> 1e99 : 1"
+    if log_bayes > np.log(1e6):
+        return f"1e{log_bayes / np.log(10.0):.0f} : 1"
+    if log_bayes < 0.0:
+        return f"1 : {number(np.exp(min(-log_bayes, 700.0)), 2)}"
+    return f"{number(np.exp(log_bayes), 2)} : 1"
+
+
+# ---- sizes
+
+SECONDS = "onset", "duration", "tau", "dwell", "vertex", "tau_m", "tau_n"
+OF_THE_RECORD = ("size", "amplitude", "sigma", "sigma_v", "sigma_m", "sigma_n", "lsb",
+                 "limits")
+
+
+def unit_of(symbol, unit, column=""):
+    """Unit of a parameter of an effect or of a hypothesis in a record in `unit`."""
+    if symbol in SECONDS:
+        return "s"
+    if symbol in OF_THE_RECORD:
+        return unit
+    return dict(frequency="Hz", phase="rad", slope=f"{unit}/s", curvature=f"{unit}/s^2",
+                sigma_w=f"{unit} per sample", rate="of the samples",
+                coefficient=f"{unit} per unit of {column or 'its column'}"
+                ).get(symbol, "")
+
+
+def sizes(found, unit, dt):
+    """Sizes of effects that were found, in a record in `unit` sampled at dt, as text.
+    """
+    texts = [(one.name, values_text(one.values, unit, one.column, dt)) for one in found]
+    return "; ".join(f"{name}: {text}" if len(texts) > 1 else text
+                     for name, text in texts if text)
+
+
+def values_text(values, unit, column="", dt=None):
+    """Values (mean, sd) by symbol as text; with dt, what a wrong factor may be."""
+    parts = []
+    for symbol, (mean, sd) in values.items():
+        if isinstance(mean, str):
+            parts.append(f"{symbol} {mean}")
+            continue
+        if isinstance(mean, list):
+            shown = (" to ".join(map(number, mean)) if symbol == "limits"
+                     else f"{len(mean)} of them")
+        else:
+            shown = measured(mean, sd)
+        parts.append(f"{symbol} {shown} {unit_of(symbol, unit, column)}".rstrip())
+        if dt and symbol == "factor":
+            parts.append(looks_like(mean, sd, dt))
+    return ", ".join(filter(None, parts))
+
+
+FACTORS = {9.80665: "g taken for m/s^2", 57.29578: "deg taken for rad",
+           3600.0: "per hour taken for per second", 60.0: "per root hour taken for "
+           "per root second", 1000.0: "milli left out"}
+
+
+def looks_like(factor, sd, dt):
+    """What a wrong factor usually is."""
+    named = {**FACTORS, 1.0 / dt: "the sampling rate",
+             dt**-0.5: "root of the rate: a density taken for a per-sample sigma, or "
+             "the other way round"}
+    for value, text in named.items():
+        for v in (value, 1.0 / value):
+            if abs(factor - v) < max(3.0 * sd, 0.03 * v) and sd < 0.2 * v \
+                    and abs(np.log(v)) > 0.2:
+                return f"about {v:.4g}: {text}"
+    return ""
