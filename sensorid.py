@@ -1063,7 +1063,7 @@ class Bank(NamedTuple):
 def bank(h, dt, theta):
     """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
     if getattr(h, "model", None) in SUMS:    # all nodes at once
-        filt = h.filter(dt, theta.T[..., None])
+        filt = h.filter(dt, np.transpose(theta)[..., None])
         dimensions = 3, 3, 2, 1, 1, 2
         Phi, Gamma, H, Psi, m0, P0 = (
             np.broadcast_to(part, (len(theta), *part.shape[-d:])).copy()
