@@ -1,4 +1,4 @@
-"""python -m figures [1 ... 8] [audit] [table] [cost] [scaling] [withheld] [gap] ..."""
+"""python -m figures [1 ... 8] [audit] [table] [cost] [scaling] [ranks] [gap] ..."""
 
 import argparse
 import importlib
@@ -10,8 +10,8 @@ from sensorlab.commands import in_one_line
 
 PAPER = {**{str(n): f"fig{n}" for n in range(1, 7)}, "audit": "audit", "table": "table"}
 NAMES = {**PAPER, "7": "fig7", "8": "fig8", **{
-    name: name for name in ("cost", "scaling", "withheld", "gap", "hostile", "real",
-                            "plan")}}
+    name: name for name in ("cost", "scaling", "ranks", "withheld", "gap", "hostile",
+                            "real", "plan")}}
 
 
 def main(argv=None):

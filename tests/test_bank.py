@@ -1,4 +1,5 @@
 import os
+import shutil
 import subprocess
 import sys
 
@@ -200,6 +201,22 @@ def test_processes_abreast_equal_the_general_filter():
             assert_allclose(part, other, rtol=1e-10)
 
 
+@pytest.mark.parametrize("name", ["white_noise", "random_walk", "markov",
+                                  "random_walk_markov", "two_markov"])
+def test_a_bank_of_all_nodes_at_once_equals_its_filters(name):
+    (h,) = s.default_hypotheses(np.arange(50.0)**2, 0.1, [name])
+    theta = s.at_quantiles(h.parameters, np.random.default_rng(1).random((7, 5))[
+        :, :len(h.parameters)])
+    b = s.bank(h, 0.1, theta)
+    for node, row in enumerate(theta):
+        filt = h.filter(0.1, row)
+        expected = s.shaping_filter(*filt)    # the shapes are those it checks
+        Q = expected.Gamma @ expected.Gamma.swapaxes(1, 2)
+        for part, one in zip(b, (expected.Phi, Q, expected.H, expected.Psi**2,
+                                 expected.m0, expected.P0)):
+            assert_allclose(part[node], one, rtol=1e-13)
+
+
 def test_a_bank_is_the_same_after_it_has_filtered():
     theta = np.tile([0.1, 0.5], (s.GROUP, 1))
     b = s.bank(s.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5), 1.0,
@@ -209,3 +226,14 @@ def test_a_bank_is_the_same_after_it_has_filtered():
     next(s.filter_bank(b, np.ones((1, 50)), [50]))
     for part, other in zip(b, before):
         assert_array_equal(part, other)
+
+
+@pytest.mark.parametrize("own, expected", [({}, "passive"), (
+    {"OMP_WAIT_POLICY": "active"}, "active")])
+def test_a_copied_module_waits_passively_unless_told_otherwise(tmp_path, own, expected):
+    shutil.copy(s.__file__, tmp_path)
+    env = {k: v for k, v in os.environ.items() if k != "OMP_WAIT_POLICY"}
+    done = subprocess.run([sys.executable, "-c", "import sensorid, os; "
+                           "print(os.environ['OMP_WAIT_POLICY'])"], cwd=tmp_path,
+                          env={**env, **own}, capture_output=True, text=True)
+    assert done.stdout.strip() == expected, done.stderr

@@ -169,6 +169,61 @@ def test_a_coarse_answer_is_not_silent():
     assert s.resolve(h, 0.1, y).settled
 
 
+THREE_AXES = s.hypothesis("random_walk_markov", prior="log", sigma_w=(0.01, 0.5),
+                          tau_m=(2.0, 50.0), sigma_m=(0.1, 2.0), sigma_v=(0.2, 2.0))
+FOUR_AXES = s.hypothesis("two_markov", tau_m=(2.0, 20.0), sigma_m=(0.3, 2.0),
+                         tau_n=(20.0, 200.0), sigma_n=(0.3, 2.0), sigma_v=(0.25, 1.0))
+
+
+def test_drawn_nodes_equal_dense_covariances_at_draws_of_the_prior():
+    y = s.simulate([THREE_AXES], 1.0, 40, 1, seed=8).error[0]
+    rng, i = np.random.default_rng(1), np.arange(1.0, 41.0)
+    low, high = np.array([p[1:3] for p in THREE_AXES.parameters]).T
+    theta = low * (high / low)**rng.random((20000, 4))
+    w2, tau, m2, v2 = (theta**[2, 1, 2, 2]).T[..., None, None]
+    C = (w2 * np.minimum(i[:, None], i) + m2 * np.exp(-np.abs(i[:, None] - i) / tau)
+         + v2 * np.eye(40) + 1.0)
+    _, log_det = np.linalg.slogdet(C)
+    ll = -0.5 * (40 * np.log(2.0 * np.pi) + log_det
+                 + np.linalg.solve(C, np.tile(y[:, None], (20000, 1, 1)))[..., 0] @ y)
+    w = np.exp(ll - ll.max())
+    e = s.resolve(THREE_AXES, 1.0, y)
+    assert e.settled
+    se = w.std() / w.mean() / np.sqrt(len(w))
+    assert abs(e.log_evidence - ll.max() - np.log(w.mean())) < 4.0 * se + s.SETTLED
+    w /= w.sum()
+    mean, sd = w @ theta, np.sqrt(np.diag(e.covariance))
+    se = np.sqrt(w**2 @ (theta - mean)**2)
+    assert (np.abs(e.mean - mean) < 4.0 * se + s.SETTLED * sd).all()
+    assert_allclose(np.sqrt(w @ (theta - mean)**2), sd, rtol=0.1)
+
+
+@pytest.mark.parametrize("h, seed", [(THREE_AXES, 1), (THREE_AXES, 2), (FOUR_AXES, 3)])
+def test_settled_means_that_more_nodes_say_the_same(h, seed, monkeypatch):
+    y = s.simulate([h], 1.0, 300, 1, seed=seed).error[0]
+    said, few = s.resolve(h, 1.0, y), s.resolve(h, 1.0, y, max_nodes=500)
+    assert said.settled and not few.settled
+    error = 4.0 * 0.5 * s.SETTLED    # four standard errors
+    monkeypatch.setattr(s, "SETTLED", 0.01)
+    best = s.resolve(h, 1.0, y, max_nodes=100000)
+    sd = np.sqrt(np.diag(best.covariance))
+    assert abs(said.log_evidence - best.log_evidence) < error
+    assert (np.abs(said.mean - best.mean) < error * sd).all()
+    assert (np.abs(said.weight @ said.theta - said.mean) < error * sd).all()
+
+
+@pytest.mark.large
+def test_ranks_of_two_processes_are_uniform(tmp_path, monkeypatch):
+    """1000 records: python -m figures ranks"""
+    import figures
+    from figures import ranks
+    monkeypatch.setattr(figures, "OUTPUT", tmp_path)
+    of, settled = ranks.compute(100)
+    assert settled == 200
+    for rank in np.hstack(list(of.values())).T:    # of nine tests one fails in 200
+        assert kstest(rank, "uniform").pvalue > 0.005 / 9
+
+
 @pytest.mark.parametrize("y, dt, message", [
     (np.zeros(100), 1.0, "is constant"), (np.arange(5.0), 1.0, "has 5 samples"),
     (np.arange(100.0), -1.0, "sampling interval is -1.0 s"),
