@@ -138,6 +138,9 @@ def families(scene, effects, signatures=()):
     return result
 
 
+ROWS = 20    # at least, at a time: with products of pairs they fill the bank's lanes
+
+
 class Block(NamedTuple):
     """Some signatures of a family."""
 
@@ -161,7 +164,7 @@ def blocks(scene, family, psi=None):
                     f"{columns.shape}: ({N}, 1) or ({N}, 2) are needed")
             if np.any(columns):
                 parts.append((value, variant, columns.T))
-        if parts and (len(parts) + 1) * parts[0][2].size > BLOCK:
+        if parts and (len(parts) + 1) * parts[0][2].size > max(BLOCK, ROWS * N):
             yield _block(parts)
             parts = []
     if parts:
