@@ -38,7 +38,12 @@ class Predicted(NamedTuple):
 
 def processes(h, scene, theta):
     """The one-state processes that a hypothesis is the sum of at theta (M, p)."""
-    own = modes(bank(h, scene.dt, theta))
+    return _modes_of(h, bank(h, scene.dt, theta))
+
+
+def _modes_of(h, b):
+    """`Modes` of a hypothesis with this bank."""
+    own = modes(b)
     if own is None:
         raise ValueError(f"{h.name} is no sum of independent one-state processes: "
                          "only such hypotheses can be diagnosed; give a ramp as an "
@@ -191,11 +196,12 @@ def solve(h, scene, signatures, theta):
     y = np.where(np.isnan(scene.y), 0.0, scene.y)
     observed = 1.0 - np.isnan(scene.y)
     X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
-    own = processes(h, scene, theta)
+    b = bank(h, scene.dt, theta)
+    own = _modes_of(h, b)
     w, steps, log_det = adjoint(X, observed, np.array(own[:3]), own.r)
     M, c, N = w.shape
     gram = row_products(w.reshape(-1, N), X).reshape(M, c, c)
     known = marginal(gram, log_det, observed.sum(), constants(h, signatures))
     residual = w[:, 0] - np.einsum("mj,mji->mi", known.size, w[:, 1:])
     return Solved(known.log_likelihood, residual, w[:, 1:], known.covariance, steps,
-                  known.size, own, bank(h, scene.dt, theta))
+                  known.size, own, b)
