@@ -65,7 +65,6 @@ def search(full, start, readings, effects, before, measured, shared, tell):
         acc, path = look.account, _joined(path, found[0])
         leaves.pop(path.effect)
         acc, path, leaves = _without_needless(full, acc, path, leaves, look.prior)
-        acc, path, leaves = _with_better(full, scene, acc, path, leaves, effects)
         last, after = after, measured(acc)
         needed = stays_needed(path.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
@@ -91,30 +90,6 @@ def _without_needless(full, acc, path, leaves, prior):
             leaves = {**leaves, whole.effect: whole._replace(probability=kept * total)}
             leaves.pop(path.effect, None)
             acc = less
-    return acc, path, leaves
-
-
-def _with_better(full, scene, acc, path, leaves, effects):
-    """The account and the path with an effect that was found before in place of which
-    another explains the record better beside what is found now: the first step of a
-    search may be wrong.
-    """
-    for number, one in enumerate(path.found[:-1]):
-        if one.effect.reading:
-            continue
-        look = further_causes(scene, without(full, acc, path.found, number), effects)
-        found = [c for c in look.causes if c.found]
-        own = next((c for c in found if c.effect == one.name), None)
-        if look.account is None or own is None or own is found[0]:
-            continue
-        odds, old = own.probability / found[0].probability, path
-        path = Cause((*path.found[:number], *path.found[number + 1:], *found[0].found),
-                     old.probability / (1.0 + odds),
-                     old.log_bayes + found[0].log_bayes - own.log_bayes)
-        leaves = {**leaves, old.effect: old._replace(
-            probability=old.probability * odds / (1.0 + odds))}
-        leaves.pop(path.effect, None)
-        return look.account, path, leaves
     return acc, path, leaves
 
 
