@@ -752,6 +752,8 @@ def uniform_grid(h, dt, nodes):
 LANES = 32     # trials that march abreast
 GROUP = 32     # nodes that march abreast
 TILE = 128     # samples; a TILE x LANES tile of data (32 KiB) stays in the L1 cache
+DUST = 1e-100  # states so small are 0: arithmetic with numbers below 1e-308, to which
+               # they decay where a record is 0 for long, takes 40 times as long
 
 
 class Sums(NamedTuple):
@@ -828,6 +830,9 @@ def _trials_abreast(y, a, ak, w, c, g, state):
             state[t] = a * state[t] + ak[i, g] * nu
             state[t + LANES] += nu * w[i, g] * nu
             state[t + 2 * LANES] += nu * c[i, g]
+    for t in range(LANES):
+        if abs(state[t]) < DUST:
+            state[t] = 0.0
 
 
 @njit(parallel=True, **JIT)
@@ -835,7 +840,8 @@ def _advance_trials(y, observed, node, memory, state):
     """Move a one-state bank on by one stretch of data, trials abreast.
 
     y (blocks, n * LANES) sample-major within a block; node, memory (groups, 4, GROUP)
-    as in `_gains`; state (groups, GROUP, blocks, 3 * LANES).
+    as in `_gains`; state (groups, size, blocks, 3 * LANES) of the first `size` nodes of
+    each group, which alone are wanted.
     """
     n = len(observed)
     for group in prange(len(node)):
@@ -846,7 +852,7 @@ def _advance_trials(y, observed, node, memory, state):
             _gains(observed[first:last], node[group], memory[group], ak, w, c)
             for block in range(len(y)):
                 tile = y[block, first * LANES:last * LANES]
-                for g in range(GROUP):
+                for g in range(state.shape[1]):
                     _trials_abreast(tile, node[group, 0, g], ak, w, c, g,
                                     state[group, g, block])
 
@@ -1047,6 +1053,12 @@ def _advance_modal(y, observed, first, a, q, r, P, x, sums):
                 for g in range(GROUP):
                     sums[group, columns - 1, 1, g] += np.log(product[g])
                     product[g] = 1.0
+            if i % TILE == TILE - 1:
+                for record in range(columns):
+                    for s in range(n):
+                        for g in range(GROUP):
+                            if abs(x[group, record, s, g]) < DUST:
+                                x[group, record, s, g] = 0.0
 
 
 class Bank(NamedTuple):
@@ -1185,11 +1197,14 @@ def _sums_modal(b, y, observed, stretches):
         yield flat[:, :-1, 0].T, flat[:, :-1, 1].T, flat[:, -1, 0], flat[:, -1, 1]
 
 
-def _scalar_nodes(b):
-    """node and memory of the one-state kernels, padded to whole groups."""
-    a, q, r, p0 = (
-        np.pad(part.ravel(), (0, -part.size % GROUP), mode="edge").reshape(-1, GROUP)
-        for part in (b.Phi, b.Q, b.r, b.P0))
+def _scalar_nodes(b, size=GROUP):
+    """node and memory of the one-state kernels: of so many nodes each, padded to whole
+    groups.
+    """
+    M = len(b.r)
+    at = np.minimum(np.arange(-(-M // size) * size), M - 1).reshape(-1, size)
+    at = np.pad(at, ((0, 0), (0, GROUP - size)), mode="edge")
+    a, q, r, p0 = (part.ravel()[at] for part in (b.Phi, b.Q, b.r, b.P0))
     zero = np.zeros_like(a)
     return np.stack([a, q, r, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero], 1)
 
@@ -1206,19 +1221,20 @@ def _sums_record(b, y, observed, stretches):
 
 
 def _sums_trials(b, y, observed, stretches):
-    node, memory = _scalar_nodes(b)
+    size = min(GROUP, -(-len(b.r) // 2))    # of few nodes every thread has a part
+    node, memory = _scalar_nodes(b, size)
     records, blocks = len(y), -(-len(y) // LANES)
     y = np.pad(y, ((0, -records % LANES), (0, 0))).reshape(blocks, LANES, -1)
     # the lanes of a sample lie side by side
     y = np.ascontiguousarray(y.swapaxes(1, 2))
-    state = np.zeros((len(node), GROUP, blocks, 3, LANES))
+    state = np.zeros((len(node), size, blocks, 3, LANES))
     for begin, end, _ in stretches:
         stretch = np.ascontiguousarray(y[:, begin:end]).reshape(blocks, -1)
         _advance_trials(stretch, observed[begin:end],
-                        node, memory, state.reshape(len(node), GROUP, blocks, -1))
+                        node, memory, state.reshape(len(node), size, blocks, -1))
         yield (*(state[:, :, :, part].reshape(-1, blocks * LANES)[:len(b.r), :records].T
                  for part in (1, 2)),
-               *(part.ravel()[:len(b.r)] for part in (memory[:, 2], memory[:, 3])))
+               *(memory[:, part, :size].ravel()[:len(b.r)] for part in (2, 3)))
 
 
 # ---- 4. Posterior ---------------------------------- paper Sec. 2, Eqs. (3), (10)-(14)
