@@ -4,7 +4,7 @@ import itertools
 
 import generator
 import numpy as np
-from conftest import DT, dense, member
+from conftest import DT, dense, member, paper_case
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal, norm
 
@@ -39,6 +39,26 @@ def test_signatures_in_the_bank_and_in_the_mixture_filter_say_the_same(short):
                     rtol=1e-9)
     assert_allclose(filters.predict(h, scene, (found,), theta).log_likelihood,
                     expected, rtol=1e-9)
+
+
+def test_plain_filters_are_the_mixture_filters_without_jumps(short):
+    scene, _, _, _, seen = short
+    h = member(scene, paper_case(3)[1], "noise_step")
+    theta = np.array([[300.0, 0.9, 0.4, 80.3, 2.0], [90.0, 0.5, 0.7, 120.0, 0.3]])
+    found = filters.Signature(Found(CATALOGUE["sinusoid"]), np.column_stack(
+        [np.cos(0.3 * scene.time), np.sin(0.3 * scene.time)]), 2.0)
+    y = scene.y + np.random.default_rng(2).standard_normal((11, 200))    # same gaps
+    plain = filters.predict(h, scene, (found,), theta, y)
+    y[3, 150] = np.nan                            # no longer
+    mixed = filters.predict(h, scene, (found,), theta, y)
+    same, until = np.arange(11) != 3, np.s_[3, :, :150]
+    assert_allclose(plain.log_likelihood[same], mixed.log_likelihood[same], rtol=1e-12)
+    for one, other in ((plain.z, mixed.z), (plain.log_score, mixed.log_score)):
+        assert_allclose(one[same], other[same], rtol=1e-9, atol=1e-9)
+        assert_allclose(one[until], other[until], rtol=1e-9, atol=1e-9)
+    assert np.array_equal(np.isnan(plain.z[0, 0]), ~seen)
+    assert_allclose(filters.filtered(h, scene, (found,), theta, y[:3]),
+                    plain.log_likelihood[:3], rtol=1e-12)
 
 
 def test_outliers_in_white_noise_are_an_independent_mixture():

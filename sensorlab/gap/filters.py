@@ -12,7 +12,8 @@ from scipy.special import ndtri
 
 from sensorid import LOG_2PI, Bank, Modes, bank, brief, filter_bank, modes
 from sensorlab.gap.effects import Found
-from sensorlab.gap.kernels import adjoint, mixture_filters, row_products
+from sensorlab.gap.kernels import (
+    adjoint, mixture_filters, plain_filters, row_products)
 
 
 class Signature(NamedTuple):
@@ -71,26 +72,49 @@ def with_constants(h, scene, signatures, theta):
                  np.hstack([own.p0, np.tile(variance, (M, 1))]), own.r), H
 
 
-def filtered(h, scene, signatures, theta, y, rows):
-    """Log-likelihoods (R, M) of records y (R, N) like that of the scene, and what
-    `mixture_filters` writes of their samples, (R, M, rows, N).
-    """
+def filtered(h, scene, signatures, theta, y):
+    """Log-likelihoods (R, M) of records y (R, N) like that of the scene."""
     own, H = with_constants(h, scene, signatures, theta)
+    (R, N), M = y.shape, len(theta)
+    if _is_plain(h, y):
+        return plain_filters(y, H, np.array(own[:3]), own.r, np.empty((R, M, 0)),
+                             np.empty((M, 0)))
+    return _through_mixtures(h, own, H, theta, y, np.empty((R, M, 0, N)))
+
+
+def _is_plain(h, y):
+    """Are records filtered without jumps, and miss the same samples?"""
+    gap = np.isnan(y)
+    return not h.has_jumps and bool((gap == gap[0]).all())
+
+
+def _through_mixtures(h, own, H, theta, y, out):
     jumps = h.jumps(theta)
-    out = np.full((len(y), len(theta), rows, y.shape[1]), np.nan)
     return mixture_filters(y, H, np.array(own[:3]), own.r, np.column_stack(jumps[:2]),
-                           np.column_stack(jumps[2:]), out), out
+                           np.column_stack(jumps[2:]), out)
 
 
 def predict(h, scene, signatures, theta, y=None):
     """`Predicted` of the record of a scene, or of others like it, y (R, N)."""
-    total, out = filtered(h, scene, signatures, theta,
-                          scene.y[None] if y is None else y, 4)
-    z = out[:, :, 0]
-    if h.has_jumps:
-        z = normal_score(z, out[:, :, 1])
-    return Predicted(total, np.clip(z, -SCORE_LIMIT, SCORE_LIMIT), out[:, :, 2],
-                     out[:, :, 3])
+    y = scene.y[None] if y is None else y
+    own, H = with_constants(h, scene, signatures, theta)
+    (R, N), M = y.shape, len(theta)
+    if _is_plain(h, y):
+        z, log_f = np.empty((R, M, N)), np.empty((M, N))
+        total = plain_filters(y, H, np.array(own[:3]), own.r, z, log_f)
+        log_score = z * z
+        log_score += log_f + LOG_2PI
+        log_score *= -0.5
+        return Predicted(total, _within_limits(z), np.broadcast_to(np.nan, z.shape),
+                         log_score)
+    out = np.full((R, M, 4, N), np.nan)
+    total = _through_mixtures(h, own, H, theta, y, out)
+    z = normal_score(out[:, :, 0], out[:, :, 1]) if h.has_jumps else out[:, :, 0]
+    return Predicted(total, _within_limits(z), out[:, :, 2], out[:, :, 3])
+
+
+def _within_limits(z):
+    return np.clip(z, -SCORE_LIMIT, SCORE_LIMIT, out=z)
 
 
 SCORE_LIMIT = 37.0    # standard deviations: no normal score of double precision lies
@@ -107,7 +131,7 @@ def normal_score(below, above):
 def log_likelihoods(h, scene, signatures, theta):
     """ln f(Y / theta) (M,): through the bank, unless there are jumps."""
     if h.has_jumps:
-        return filtered(h, scene, signatures, theta, scene.y[None], 0)[0][0]
+        return filtered(h, scene, signatures, theta, scene.y[None])[0]
     columns = [scene.y, *(c for s in signatures for c in s.columns.T)]
     variance = constants(h, signatures)
     gram = products(h, scene, columns, theta)

@@ -46,6 +46,17 @@ def in_threads(kernel, count, *arguments):
                      range(threads)))
 
 
+def side_by_side(function, items):
+    """function(item) of every item, in their order; as many at a time as there are
+    threads. What runs long in it must leave the interpreter to the others.
+    """
+    threads = min(get_num_threads(), len(items))
+    if threads <= 1:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(threads) as pool:    # its own: it waits for the kernels'
+        return list(pool.map(function, items))
+
+
 def groups(count):
     """How many groups so many nodes or pairs make."""
     return (count + ABREAST - 1) // ABREAST
@@ -103,6 +114,77 @@ def update_state(x, Ph, gain):
     for s in range(n):
         for g in range(ABREAST):
             x[s, g] += Ph[s, g] * gain[g]
+
+
+def plain_filters(y, H, modes, r, z, log_f):
+    """Log-likelihoods (R, M) of records with the same gaps under filters without jumps.
+
+    y (R, N); H (N, n) observes n independent processes; modes (3, M, n) their factors,
+    noise variances and initial variances; r (M, 1 or N). z (R, M, N) gets normal
+    scores and log_f (M, N) logarithms of the variances that they are over; arrays
+    (R, M, 0) and (M, 0) get nothing.
+
+    The covariance of a node serves all records.
+    """
+    total = np.empty((len(y), modes.shape[1]))
+    in_threads(_filter_records, groups(len(y)) * modes.shape[1], y, H, modes, r, z,
+               log_f, total)
+    return total
+
+
+@njit(**KERNEL)
+def _filter_records(first, last, y, H, modes, r, z, log_f, total):
+    """Pairs of a group of records and a node, of `plain_filters`."""
+    R, N = y.shape
+    M, n = modes.shape[1:]
+    for pair in range(first, last):
+        group, node = pair // M, pair % M
+        begin, number = group * ABREAST, min(ABREAST, R - group * ABREAST)
+        a, q, P, Ph = modes[0, node], modes[1, node], np.zeros((n, n)), np.empty(n)
+        x, nu = np.zeros((n, ABREAST)), np.zeros(ABREAST)
+        chi2, log_det, product, count = np.zeros(ABREAST), 0.0, 1.0, 0
+        for s in range(n):
+            P[s, s] = modes[2, node, s]
+        for i in range(N):
+            f, seen = r[node, min(i, r.shape[1] - 1)], not np.isnan(y[begin, i])
+            for s in range(n):
+                Ph[s] = 0.0
+                for t in range(s):
+                    P[s, t] *= a[s] * a[t]
+                    Ph[s] += H[i, t] * P[s, t]
+                    Ph[t] += H[i, s] * P[s, t]
+                P[s, s] = a[s] * a[s] * P[s, s] + q[s]
+                Ph[s] += H[i, s] * P[s, s]
+                for g in range(ABREAST):
+                    x[s, g] *= a[s]
+            for s in range(n):
+                f += H[i, s] * Ph[s]
+            if log_f.shape[1]:
+                log_f[node, i] = np.log(f)
+            if seen:
+                for g in range(number):
+                    nu[g] = y[begin + g, i]
+                for s in range(n):
+                    for g in range(ABREAST):
+                        nu[g] -= H[i, s] * x[s, g]
+                for s in range(n):
+                    gain = Ph[s] / f
+                    for t in range(s + 1):
+                        P[s, t] -= gain * Ph[t]
+                    for g in range(ABREAST):
+                        x[s, g] += gain * nu[g]
+                for g in range(ABREAST):
+                    chi2[g] += nu[g] * nu[g] / f
+                product *= f
+                count += 1
+            if z.shape[2]:
+                for g in range(number):
+                    z[begin + g, node, i] = nu[g] / np.sqrt(f) if seen else np.nan
+            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
+                log_det += np.log(product)
+                product = 1.0
+        for g in range(number):
+            total[begin + g, node] = -0.5 * (count * LOG_2PI + log_det + chi2[g])
 
 
 def mixture_filters(y, H, modes, r, outlier, jump, out):
