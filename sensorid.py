@@ -1142,12 +1142,12 @@ def filter_bank(b, y, stops):
     array([[5.]])
     """
     y = as_samples(y)
-    gap = np.isnan(y)
-    if (gap != gap[0]).any():
+    gap = np.isnan(y[:1])
+    if any((np.isnan(one) != gap[0]).any() for one in y):
         raise ValueError("samples are missing in some records only: filter these apart")
     if np.any(np.diff(stops) <= 0) or not 1 <= stops[0] <= stops[-1] <= y.shape[1]:
         raise ValueError(f"stops {list(stops)} do not increase within 1..{y.shape[1]}")
-    return _sums(b, np.where(gap, 0.0, y), 1.0 - gap[0], stops)
+    return _sums(b, np.where(gap, 0.0, y) if gap[0].any() else y, 1.0 - gap[0], stops)
 
 
 def _sums(b, y, observed, stops):
@@ -1220,18 +1220,24 @@ def _sums_record(b, y, observed, stretches):
                *(part.ravel()[:len(b.r)] for part in (memory[:, 2], memory[:, 3])))
 
 
+PIECE = 128 * TILE    # samples whose lanes are laid side by side at a time
+
+
 def _sums_trials(b, y, observed, stretches):
     size = min(GROUP, -(-len(b.r) // 2))    # of few nodes every thread has a part
     node, memory = _scalar_nodes(b, size)
     records, blocks = len(y), -(-len(y) // LANES)
-    y = np.pad(y, ((0, -records % LANES), (0, 0))).reshape(blocks, LANES, -1)
-    # the lanes of a sample lie side by side
-    y = np.ascontiguousarray(y.swapaxes(1, 2))
     state = np.zeros((len(node), size, blocks, 3, LANES))
     for begin, end, _ in stretches:
-        stretch = np.ascontiguousarray(y[:, begin:end]).reshape(blocks, -1)
-        _advance_trials(stretch, observed[begin:end],
-                        node, memory, state.reshape(len(node), size, blocks, -1))
+        for first in range(begin, end, PIECE):
+            last = min(first + PIECE, end)
+            # the lanes of a sample lie side by side
+            lanes = np.zeros((blocks, last - first, LANES))
+            for block in range(blocks):
+                own = y[block * LANES:(block + 1) * LANES, first:last]
+                lanes[block, :, :len(own)] = own.T
+            _advance_trials(lanes.reshape(blocks, -1), observed[first:last], node,
+                            memory, state.reshape(len(node), size, blocks, -1))
         yield (*(state[:, :, :, part].reshape(-1, blocks * LANES)[:len(b.r), :records].T
                  for part in (1, 2)),
                *(memory[:, part, :size].ravel()[:len(b.r)] for part in (2, 3)))

@@ -192,11 +192,16 @@ def polarized(b, scene, rows, pairs):
     """`Sums` of a bank and rows (c, N), and products r' C^-1 s of pairs of them (P, M),
     by 2 r's = (r + s)'(r + s) - r'r - s's: the bank gives squares only.
     """
-    both = [rows[i] + rows[j] for i, j in pairs]
-    rows = np.where(np.isnan(scene.y), np.nan, np.array([*rows, *both]))
-    sums = next(filter_bank(b, rows, [len(scene.y)]))
+    count, gap, every = len(rows), np.isnan(scene.y), rows
+    if pairs or gap.any():
+        every = np.empty((count + len(pairs), len(gap)))
+        every[:count] = rows
+        for row, (i, j) in zip(every[count:], pairs):
+            np.add(rows[i], rows[j], out=row)
+        every[:, gap] = np.nan
+    sums = next(filter_bank(b, every, [len(gap)]))
     cross = [0.5 * (chi2 - sums.chi2[i] - sums.chi2[j])
-             for chi2, (i, j) in zip(sums.chi2[len(rows) - len(pairs):], pairs)]
+             for chi2, (i, j) in zip(sums.chi2[count:], pairs)]
     return sums, np.array(cross)
 
 

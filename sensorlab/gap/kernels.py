@@ -20,10 +20,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numba import get_num_threads, njit
 
-from sensorid import JIT, LOG_2PI
+from sensorid import DUST, JIT, LOG_2PI
 
 KERNEL = dict(JIT, nogil=True)
-ABREAST = 8
+ABREAST = 16
 
 
 @functools.cache
@@ -363,59 +363,119 @@ def adjoint(y, observed, modes, r):
     return w, steps, log_det
 
 
+STRETCH = 1024    # samples of the way there that are kept for the way back
+
+
 @njit(**KERNEL)
 def _go_there_and_back(first, last, y, observed, modes, r, w, steps, log_det):
-    """Groups of `adjoint`."""
+    """Groups of `adjoint`. The way there is gone twice: once to its end, and again from
+    where each stretch begins, before that stretch is gone back.
+    """
     C, N = y.shape
     M, n = modes.shape[1:]
-    h = np.ones(n)
+    stretches = (N + STRETCH - 1) // STRETCH
     for group in range(first, last):
         node = np.minimum(group * ABREAST + np.arange(ABREAST), M - 1)
         a, q = np.empty((n, ABREAST)), np.empty((n, ABREAST))
         P, x = np.zeros((n, n, ABREAST)), np.zeros((C, n, ABREAST))
-        Ph, f, nu = np.empty((n, ABREAST)), np.empty(ABREAST), np.empty(ABREAST)
-        weight, gain = np.empty((N, ABREAST)), np.empty((C, N, ABREAST))
-        K, log_f = np.empty((N, n, ABREAST)), np.zeros(ABREAST)
+        kept_P, kept_x = (np.empty((stretches, n, n, ABREAST)),
+                          np.empty((stretches, C, n, ABREAST)))
+        noise, weight = np.empty((STRETCH, ABREAST)), np.empty((STRETCH, ABREAST))
+        K, gain = np.empty((STRETCH, n, ABREAST)), np.empty((C, STRETCH, ABREAST))
+        R, D = np.zeros((C, n, ABREAST)), np.zeros((n + 1, n + 1, ABREAST))
+        log_f, product = np.zeros(ABREAST), np.ones(ABREAST)
+        shocks = np.empty((STRETCH, ABREAST))
         for s in range(n):
             for g in range(ABREAST):
                 a[s, g], q[s, g] = modes[0, node[g], s], modes[1, node[g], s]
                 P[s, s, g] = modes[2, node[g], s]
-        for i in range(N):
-            for g in range(ABREAST):
-                f[g] = r[node[g], min(i, r.shape[1] - 1)]
-            predict_covariance(a, q, h, P, Ph, f)
-            for g in range(ABREAST):
-                weight[i, g] = observed[i] / f[g]
-                log_f[g] += observed[i] * np.log(f[g])
-                for s in range(n):
-                    K[i, s, g] = a[s, g] * Ph[s, g] * weight[i, g]
-            update_covariance(P, Ph, weight[i])
-            for c in range(C):
-                nu[:] = y[c, i]
-                predict_state(a, h, x[c], nu)
+        for turn in range(2 * stretches):
+            there = turn < stretches
+            k = turn if there else 2 * stretches - 1 - turn
+            begin = k * STRETCH
+            count = min(STRETCH, N - begin)
+            if there:
+                _copy(P, kept_P[k])
+                _copy(x, kept_x[k])
+            else:
+                _copy(kept_P[k], P)
+                _copy(kept_x[k], x)
+            for i in range(count):
                 for g in range(ABREAST):
-                    gain[c, i, g] = nu[g] * weight[i, g]
-                update_state(x[c], Ph, gain[c, i])
-        shocks = _go_back(a, K, weight, gain)
+                    noise[i, g] = r[node[g], min(begin + i, r.shape[1] - 1)]
+            _go_there(y[:, begin:begin + count], observed[begin:begin + count], noise,
+                      a, q, P, x, K, weight, gain)
+            _without_dust(x)
+            if there:
+                for i in range(count):
+                    for g in range(ABREAST):
+                        product[g] *= noise[i, g]
+                    if i % 8 == 7 or i == count - 1:
+                        for g in range(ABREAST):
+                            log_f[g] += np.log(product[g])
+                            product[g] = 1.0
+                continue
+            _go_back(count, a, K, weight, gain, R, D, shocks)
+            _without_dust(R)
+            for g in range(min(ABREAST, M - group * ABREAST)):
+                for i in range(count):
+                    steps[node[g], begin + i] = shocks[i, g]
+                    for c in range(C):
+                        w[node[g], c, begin + i] = gain[c, i, g]
         for g in range(min(ABREAST, M - group * ABREAST)):
             log_det[node[g]] = log_f[g]
-            for i in range(N):
-                steps[node[g], i] = shocks[i, g]
-            for c in range(C):
-                for i in range(N):
-                    w[node[g], c, i] = gain[c, i, g]
 
 
 @njit(**JIT)
-def _go_back(a, K, weight, gain):
-    """The way back of `adjoint`: gain (C, N, lanes) becomes C^-1 y; returned is
-    s' C^-1 s (N, lanes).
+def _copy(source, target):
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            for g in range(ABREAST):
+                target[i, j, g] = source[i, j, g]
+
+
+@njit(**JIT)
+def _without_dust(x):
+    """States (C, n, lanes) that have nearly decayed are 0: see `sensorid.DUST`."""
+    for c in range(x.shape[0]):
+        for s in range(x.shape[1]):
+            for g in range(ABREAST):
+                if abs(x[c, s, g]) < DUST:
+                    x[c, s, g] = 0.0
+
+
+@njit(**JIT)
+def _go_there(y, observed, noise, a, q, P, x, K, weight, gain):
+    """A stretch of the way there of `adjoint`: K = a P h / f, weight 1 / f, 0 where
+    nothing is seen, and gain nu / f of every sample; noise (., lanes) becomes f, 1
+    where nothing is seen.
     """
-    C, N = gain.shape[:2]
+    C, N = y.shape
     n = len(a)
-    R, D = np.zeros((C, n, ABREAST)), np.zeros((n + 1, n + 1, ABREAST))
+    Ph, nu, h = np.empty((n, ABREAST)), np.empty(ABREAST), np.ones(n)
+    for i in range(N):
+        predict_covariance(a, q, h, P, Ph, noise[i])
+        for g in range(ABREAST):
+            weight[i, g] = observed[i] / noise[i, g]
+            noise[i, g] = observed[i] * noise[i, g] + (1.0 - observed[i])
+            for s in range(n):
+                K[i, s, g] = a[s, g] * Ph[s, g] * weight[i, g]
+        update_covariance(P, Ph, weight[i])
+        for c in range(C):
+            nu[:] = y[c, i]
+            predict_state(a, h, x[c], nu)
+            for g in range(ABREAST):
+                gain[c, i, g] = nu[g] * weight[i, g]
+            update_state(x[c], Ph, gain[c, i])
+
+
+@njit(**JIT)
+def _go_back(N, a, K, weight, gain, R, D, steps):
+    """A stretch of N samples of the way back of `adjoint`: gain (C, ., lanes) becomes
+    C^-1 y; steps (., lanes) becomes s' C^-1 s; R and D are what comes after.
+    """
+    C, n = R.shape[:2]
     kD, kDk = np.empty((n + 1, ABREAST)), np.empty(ABREAST)
-    steps = np.empty((N, ABREAST))
     L = np.ones((n + 1, ABREAST))    # the last of the factors is that of the shift
     for s in range(n):
         for g in range(ABREAST):
@@ -445,7 +505,6 @@ def _go_back(a, K, weight, gain):
                                   - L[t, g] * kD[t, g] + kDk[g])
         for g in range(ABREAST):
             steps[i, g] = D[n, n, g]
-    return steps
 
 
 def row_products(rows, columns):
