@@ -7,6 +7,7 @@ import numpy as np
 from sensorid import brief, free_columns, probabilities
 from sensorlab.gap.account import Account, account, gaussian, mean_evidence
 from sensorlab.gap.catalogue import flicker_times
+from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS
@@ -93,12 +94,14 @@ def further_causes(scene, acc, effects, processes=True):
     reference = acc if plain is scene else account(
         plain, hypotheses, signatures=acc.signatures)
     listed = families(plain, effects, acc.signatures)
+    say("looking for signatures", 4)
     samples = directed(plain, reference, listed)
     rivals = [*_with_signatures(listed, samples),
               *_with_filters(scene, plain, acc, reference, effects, processes)]
     if processes:
         rivals += [rival for effect in effects if effect.factor
                    for rival in _with_wrong_parameters(scene, acc, effect)]
+    say("weighing", 2)
     prior, alone, share = _probabilities(acc, rivals)
     groups = _grouped(rivals, share)
     total = [share[group].sum() for group in groups]
@@ -160,6 +163,7 @@ def _with_filters(scene, plain, acc, reference, effects, processes):
         if about < FEW:
             yield _Rival(effect, "", about)
             continue
+        say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
         start, at = (acc, scene) if effect.jumps else (reference, plain)
         new = account(at, acc.bases, [h.with_effect(effect) for h in start.hypotheses],
                       acc.signatures, acc.readings, start,
