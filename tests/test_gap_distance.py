@@ -37,3 +37,13 @@ def test_what_was_not_fitted_shows_no_gap_where_there_is_none():
         squares.append(np.mean(gap.distance**2))
     # over 40 seeds 0.97, and 0.22 from one to the next
     assert abs(np.mean(squares) - 1.0) < 4.0 * 0.22 / np.sqrt(6)
+
+
+def test_the_error_of_a_p_value_is_its_spread_over_sets_of_simulated_records():
+    y = sensorid.simulate(MODEL[1:], DT, 600, seed=5).error[0]
+    scene = Scene(y + 1.2 * (np.arange(600) % 40 == 0), DT, {})
+    fit = account.account(scene, members(Simulator(MODEL), scene))
+    gaps = [distance.distance(scene, fit, 80, seed) for seed in range(24)]
+    spread = np.std([np.log(gap.p_value) for gap in gaps])
+    told = np.mean([distance.log_p_error(gap) for gap in gaps])
+    assert 0.5 < spread / told < 2.0 and spread > 0.05

@@ -99,3 +99,14 @@ def test_importance_sampling_finds_the_mode(number, effects):
     acc = account.account(scene, [h])
     assert acc.peak > filters.log_likelihoods(h, scene, (), theta)[0]
     assert acc.samples[0].log_evidence[0] > acc.peak - 25.0    # not one point alone
+
+
+def test_the_error_of_an_evidence_is_its_spread_over_seeds():
+    def log_likelihood(theta):
+        return -0.5 * ((theta - 0.3) / 0.02)**2
+    parameters = (sensorid.Parameter("a", 0.0, 1.0),)
+    samples = [evidence.integrate(log_likelihood, parameters, seed=seed)
+               for seed in range(40)]
+    spread = np.std([s.log_evidence[0] for s in samples])
+    told = np.mean([s.error[0] for s in samples])
+    assert 0.4 < spread / told < 1.6 and spread < 0.2

@@ -1,10 +1,12 @@
 """What is said, from the probabilities of all sets of effects."""
 
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import sensorlab
 from sensorlab import Found
-from sensorlab.gap import causes
+from sensorlab.gap import causes, diagnosis
 from sensorlab.gap.verdict import split_families, unknown_probability, verdict_of
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
@@ -49,3 +51,42 @@ def test_a_family_is_named_where_its_members_split_it():
 def test_a_small_p_value_makes_something_unknown_probable():
     chance = [unknown_probability(p) for p in (1.0, 0.05, 1e-3, 1e-9)]
     assert chance == sorted(chance) and chance[0] < 0.02 and chance[-1] > 0.999
+
+
+def test_errors_of_probabilities_are_their_spread():
+    rng = np.random.default_rng(0)
+    log_odds, off = np.array([0.3, -0.5, -2.0]), np.array([0.1, 0.05, 0.2])
+
+    def shares(log_odds):
+        odds = np.exp(np.append(0.0, log_odds))
+        return odds / odds.sum()
+    drawn = np.array([shares(log_odds + off * rng.standard_normal(3))
+                      for _ in range(4000)])
+    grouped = np.column_stack([drawn[:, 0], drawn[:, 1] + drawn[:, 3], drawn[:, 2]])
+    alone, *share = shares(log_odds)
+    told = causes._errors(alone, np.array(share), [[0, 2], [1]], off)
+    assert_allclose(told, grouped.std(0), rtol=0.1)
+
+
+def test_more_records_are_drawn_where_unknown_hangs_on_them(monkeypatch):
+    drawn = []
+
+    def gap_of(scene, acc, trials, seed, before):
+        drawn.append(trials)
+        return trials
+    monkeypatch.setattr(diagnosis, "distance", gap_of)
+    scene = sensorlab.Scene(np.zeros(100), 1.0, {})
+    for off, trials, expected in ((0.02, None, [None]), (0.045, None, [None, 448]),
+                                  (0.3, None, [None, 796]), (0.3, 60, [60])):
+        drawn.clear()
+        monkeypatch.setattr(diagnosis, "unknown_error", lambda gap, off=off: off)
+        assert diagnosis._surely(scene, None, trials, 0) == expected[-1]
+        assert drawn == expected
+
+
+def test_every_probability_of_a_report_has_its_error(answers):
+    for d, recording in answers.values():
+        for cause in sensorlab.report(d, recording)["causes"]:
+            assert 0.0 <= cause["probability_error"] <= 0.05
+    assert answers["unknown"][0].causes[0].error > 0.0 or (
+        answers["unknown"][0].causes[0].probability > 0.99)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from sensorid import Parameter, brief, free_columns
+from sensorid import Parameter, brief, free_columns, probabilities
 from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, onset_law
@@ -35,6 +35,11 @@ class Account(NamedTuple):
     def sample(self):
         """Of the most probable hypothesis."""
         return self.samples[self.best]
+
+    @property
+    def error(self):
+        """Standard deviation of the log evidence by chance of the nodes, nats."""
+        return evidence_error(self.samples)
 
     @property
     def peak(self):
@@ -88,6 +93,15 @@ def guess_from(past, number):
 def mean_evidence(log_evidence):
     """Log of the mean over hypotheses of equal prior probability."""
     return float(logsumexp(log_evidence) - np.log(len(log_evidence)))
+
+
+def evidence_error(samples, number=0):
+    """Standard deviation, nats, of the mean evidence of explanation `number` over
+    hypotheses by chance of their nodes.
+    """
+    share = probabilities([s.log_evidence[number] for s in samples])
+    return float(np.linalg.norm([part * s.error[number]
+                                 for part, s in zip(share, samples)]))
 
 
 def fixed(**values):

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief, free_columns, probabilities
-from sensorlab.gap.account import Account, account, gaussian, mean_evidence
+from sensorlab.gap.account import (
+    Account, account, evidence_error, gaussian, mean_evidence)
 from sensorlab.gap.catalogue import flicker_times
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
@@ -25,6 +26,8 @@ class Cause(NamedTuple):
     found: tuple          # of Found, in the order found; values are (mean, sd)
     probability: float
     log_bayes: float
+    error: float = 0.0    # standard deviation of the probability by chance of the nodes
+                          # and records that it is computed from
 
     @property
     def effects(self):
@@ -105,10 +108,12 @@ def further_causes(scene, acc, effects, processes=True):
     prior, alone, share = _probabilities(acc, rivals)
     groups = _grouped(rivals, share)
     total = [share[group].sum() for group in groups]
+    error = _errors(alone, share, groups, np.array([
+        _error(rival, acc, samples) for rival in rivals]))
     best = rivals[groups[int(np.argmax(total))][0]] if rivals else None
 
-    causes, signature = [Cause((), float(alone), 0.0)], None
-    for group, probability in zip(groups, total):
+    causes, signature = [Cause((), float(alone), 0.0, error[0])], None
+    for group, probability, off in zip(groups, total, error[1:]):
         rival = rivals[group[0]]
         values, answer = rival.values, None
         if rival.family and (probability > LISTED_FROM
@@ -121,7 +126,7 @@ def further_causes(scene, acc, effects, processes=True):
             [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
         one = (Found(rival.effect) if answer is None else answer)._replace(
             column=column, values=values)
-        causes.append(Cause((one,), float(probability), float(rival.log_bayes)))
+        causes.append(Cause((one,), float(probability), float(rival.log_bayes), off))
     causes.sort(key=lambda c: -c.probability)
     if alone >= 0.5:
         return Further(tuple(causes), None, prior)
@@ -205,6 +210,25 @@ def _probabilities(acc, rivals):
     prior = np.log((1.0 - alone) / alone / max(len(rivals), 1))
     share = probabilities([0.0, *(prior + rival.log_bayes for rival in rivals)])
     return prior, share[0], share[1:]
+
+
+def _error(rival, acc, samples):
+    """Standard deviation of ln B of a rival by chance of the nodes, nats."""
+    if rival.family:
+        return evidence_error(samples, rival.family)
+    return np.hypot(rival.account.error, acc.error) if rival.account else 0.0
+
+
+def _errors(alone, share, groups, off):
+    """Standard deviations of the probabilities of none and of groups of rivals, of
+    probabilities `share` (R,), whose ln B have the standard deviations `off` (R,).
+    """
+    total = [alone] + [share[group].sum() for group in groups]
+    own = np.zeros((len(total), len(share)))
+    for number, group in enumerate(groups, 1):
+        own[number, group] = 1.0
+    slope = share * (own - np.array(total)[:, None])
+    return np.sqrt((slope * off)**2 @ np.ones(len(share))).tolist()
 
 
 def _grouped(rivals, share):

@@ -22,7 +22,8 @@ from sensorlab.gap.readings import Reading, as_read, readings
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import search
 from sensorlab.gap.twins import Twins, less_shared
-from sensorlab.gap.verdict import all_causes, needed_duration, verdict_of
+from sensorlab.gap.verdict import (
+    all_causes, needed_duration, unknown_error, verdict_of)
 
 
 class Diagnosis(NamedTuple):
@@ -113,14 +114,14 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     shared, new = _readings(raw, simulator)
     full, known, free, bases = _without_known(simulator, raw)
     base = _with_readings(full, bases, free, shared)
-    before = alone = distance(full, base, trials, seed)
+    before = alone = _surely(full, base, trials, seed)
     own = None if simulated is None else Twins(full, base, alone, simulated)
     if own:
         before = less_shared(alone, own.distances)
 
     def measured(acc, trials=trials, before=alone):
         say("measuring what is left", 2)
-        gap = distance(full, acc, trials, seed + 1, before=before)
+        gap = _surely(full, acc, trials, seed + 1, before)
         return less_shared(gap, own.distances, before) if own else gap
     start = _with_readings(full, bases, free, shared + new) if new else base
     found = Cause(tuple(r.found._replace(values={
@@ -152,6 +153,22 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         if more or final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis
         else None,
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
+
+
+MOST_ERROR = 0.03    # of a probability, by chance of the simulated records
+MOST_TIMES = 4       # as many of them as usual
+
+
+def _surely(scene, acc, trials, seed, before=None):
+    """`distance`, with more simulated records where the probability of something
+    unknown hangs on which there are.
+    """
+    gap = distance(scene, acc, trials, seed, before=before)
+    off = unknown_error(gap)
+    if trials or off <= MOST_ERROR:
+        return gap
+    return distance(scene, acc, round(enough_trials(scene) * min(
+        (off / MOST_ERROR)**2, MOST_TIMES)), seed, before=before)
 
 
 def augmented(d):

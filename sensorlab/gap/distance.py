@@ -124,8 +124,32 @@ def p_values(listed, usable, d, null):
         if own.any():
             result[place] = _tail(np.append(np.abs(d[own]).max(),
                                             np.abs(null[:, own]).max(1)))
-    whole = -np.expm1(len(result) * np.log1p(-min(*result.values(), 1.0 - 1e-15)))
-    return result, float(max(whole, 1e-15))
+    return result, _of_places(result.values())
+
+
+def _of_places(p):
+    """p-value of the whole from those of its places."""
+    whole = -np.expm1(len(p) * np.log1p(-min(*p, 1.0 - 1e-15)))
+    return float(max(whole, 1e-15))
+
+
+RESAMPLED = 100    # sets of simulated records
+
+
+def log_p_error(gap):
+    """Standard deviation of the logarithm of a gap's p-value by chance of the simulated
+    records, as other sets of these would have it (B. Efron, "Bootstrap methods", Ann.
+    Stat. 7, 1979).
+    """
+    place, usable = np.array(gap.statistics.place), gap.ruler.usable
+    own = [(place == name) & usable for name in gap.p_place]
+    largest = np.array([np.abs(gap.null[:, part]).max(1) for part in own])
+    real = np.array([np.abs(gap.distance[part]).max() for part in own])
+    rows = np.random.default_rng(0).integers(len(gap.null), size=(
+        RESAMPLED, len(gap.null)))
+    return float(np.std([np.log(_of_places([
+        _tail(np.append(one, null[row])) for one, null in zip(real, largest)]))
+        for row in rows]))
 
 
 def _setting(scene, acc, first):

@@ -39,6 +39,15 @@ class Sample(NamedTuple):
         return normalized(self.log_weight + logsumexp(self.log_likelihood, axis=1))
 
     @property
+    def error(self):
+        """Standard deviations (E,) of the log evidences by chance of the nodes, nats.
+        """
+        log_weight = self.log_weight[:, None] + self.log_likelihood
+        w = np.exp(log_weight - log_weight.max(0))
+        share = (w**2).sum(0) / w.sum(0)**2
+        return np.sqrt(np.maximum(share - 1.0 / len(w), 0.0))
+
+    @property
     def mean(self):
         """Posterior mean (p,)."""
         return self.weight @ self.theta

@@ -44,7 +44,8 @@ def report(d, record):
         causes=[dict(effect=c.effect, column=c.column or None,
                      variant="+".join(one.variant for one in c.found if one.variant)
                      or None,
-                     probability=c.probability, log_bayes_factor=c.log_bayes,
+                     probability=c.probability, probability_error=c.error,
+                     log_bayes_factor=c.log_bayes,
                      parameters=_parameters(c.parameters))
                 for c in d.causes],
         needed_duration=d.needed_duration))

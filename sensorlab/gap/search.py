@@ -85,8 +85,9 @@ def _without_needless(full, acc, path, leaves, prior):
             whole, total = path, path.probability
             path = Cause(path.found[:number] + path.found[number + 1:],
                          (1.0 - kept) * total,
-                         path.log_bayes + less.log_evidence - acc.log_evidence)
-            leaves = {**leaves, whole.effect: whole._replace(probability=kept * total)}
+                         path.log_bayes + less.log_evidence - acc.log_evidence,
+                         (1.0 - kept) * path.error)
+            leaves = {**leaves, whole.effect: scaled(whole, kept, 0.0)}
             leaves.pop(path.effect, None)
             acc = less
     return acc, path, leaves
@@ -94,8 +95,14 @@ def _without_needless(full, acc, path, leaves, prior):
 
 def _joined(path, cause):
     """A set of effects and one more."""
-    return Cause(path.found + cause.found, path.probability * cause.probability,
-                 path.log_bayes + cause.log_bayes)
+    return scaled(path, cause.probability, cause.error)._replace(
+        found=path.found + cause.found, log_bayes=path.log_bayes + cause.log_bayes)
+
+
+def scaled(cause, share, error):
+    """A cause with a share of its probability, which has an error of its own."""
+    return cause._replace(probability=share * cause.probability, error=float(np.hypot(
+        share * cause.error, error * cause.probability)))
 
 
 def _with_leaves(leaves, path, look):
@@ -106,14 +113,16 @@ def _with_leaves(leaves, path, look):
     """
     result = dict(leaves)
     if look.account is not None:
-        alone = next(c.probability for c in look.causes if not c.found)
+        none = next(c for c in look.causes if not c.found)
+        alone = none.probability
         best = next(c for c in look.causes if c.found)
         result = {}
         for one in leaves.values():
-            result[one.effect] = one._replace(probability=alone * one.probability)
+            result[one.effect] = scaled(one, alone, none.error)
             if one.found and best.effect not in one.effects:
-                both = Cause(one.found + best.found, (1.0 - alone) * one.probability,
-                             one.log_bayes + best.log_bayes)
+                both = scaled(one, 1.0 - alone, none.error)._replace(
+                    found=one.found + best.found,
+                    log_bayes=one.log_bayes + best.log_bayes)
                 result[both.effect] = both
     for cause in look.causes:
         one = _joined(path, cause)

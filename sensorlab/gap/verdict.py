@@ -3,7 +3,9 @@
 import numpy as np
 
 from sensorlab.gap.causes import UNKNOWN, Cause
+from sensorlab.gap.distance import log_p_error
 from sensorlab.gap.effects import Found
+from sensorlab.gap.search import scaled
 
 PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
 MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
@@ -24,6 +26,14 @@ def unknown_probability(p_value):
     return float(1.0 / (1.0 + np.exp(-log_odds)))
 
 
+def unknown_error(gap):
+    """Standard deviation of `unknown_probability` by chance of the simulated records
+    behind a p-value.
+    """
+    unknown = unknown_probability(gap.p_value)
+    return unknown * (1.0 - unknown) * (1.0 - 1.0 / MISSING_NATS) * log_p_error(gap)
+
+
 def all_causes(search, start, before, rest, staying):
     """All sets of effects, none among them, each alone and beside something unknown;
     most probable first.
@@ -32,19 +42,23 @@ def all_causes(search, start, before, rest, staying):
     where the rest is described flexibly: more is not named beside unknown.
     """
     # what stands out only beside an added effect speaks against that effect
-    unknown = unknown_probability(max(before.p_value, search.after.p_value))
+    gap = max(before, search.after, key=lambda gap: gap.p_value)
+    unknown, off = unknown_probability(gap.p_value), unknown_error(gap)
     if any(r.opaque for r in start.readings) or rest.share < SLIGHT:
-        unknown = min(unknown, PRIOR_UNKNOWN / MISSING_NATS)
+        unknown, off = min(unknown, PRIOR_UNKNOWN / MISSING_NATS), 0.0
     total, chance = sum(c.probability for c in search.leaves.values()), {}
+    of_total = np.linalg.norm([c.error for c in search.leaves.values()])
     all_stay = search.path.found and len(staying) == len(search.path.found)
     for c in search.leaves.values():
         beside = tuple(one for one in c.found if one in staying or all_stay)
         for one, part in ((c, 1.0 - unknown), (c._replace(
                 found=(*beside, Found(UNKNOWN))), unknown)):
-            part *= c.probability / total
-            known = chance.get(one.effect, one._replace(probability=0.0))
+            own = scaled(c._replace(error=np.hypot(
+                c.error, c.probability / total * of_total)), part / total, off / total)
+            known = chance.get(one.effect, one._replace(probability=0.0, error=0.0))
             chance[one.effect] = known._replace(
-                probability=float(known.probability + part))
+                probability=float(known.probability + own.probability),
+                error=float(np.hypot(known.error, own.error)))
     for c in (Cause((), 0.0, 0.0), Cause((Found(UNKNOWN),), 0.0, 0.0)):
         chance.setdefault(c.effect, c)
     return tuple(sorted(chance.values(), key=lambda c: -c.probability))
