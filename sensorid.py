@@ -84,6 +84,7 @@ def __getattr__(name):
                          "files and other algorithms are in the package sensorlab")
 
 
+import contextlib
 import hashlib
 import inspect
 import os
@@ -99,7 +100,7 @@ from typing import Callable, NamedTuple
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numpy as np
-from numba import njit, prange
+from numba import get_num_threads, njit, prange, set_num_threads
 from scipy.optimize import brentq, isotonic_regression
 from scipy.special import chdtri, gammaln, ndtr, ndtri
 
@@ -1158,8 +1159,28 @@ def _sums(b, y, observed, stops):
     run = (_sums_record if _is_scalar(b) and len(y) == 1
            else _sums_trials if _is_scalar(b)
            else _sums_modal if modes(b) else _sums_general)
-    for end, sums in zip(stops, run(b, y, observed, stretches)):
+    parts, done = run(b, y, observed, stretches), 0
+    for end in stops:
+        with _no_more_threads_than(-(-len(b.r) // GROUP) * len(y) * (end - done)):
+            sums = next(parts)
+        done = end
         yield Sums(int(observed[:end].sum()), *sums)
+
+
+SMALL = 10**5    # samples of records in groups of nodes: a few milliseconds
+
+
+@contextlib.contextmanager
+def _no_more_threads_than(work):
+    """With one thread for little work, of samples of records in groups of nodes: where
+    another process has the other cores, to wait for a second thread takes longer.
+    """
+    threads = get_num_threads()
+    set_num_threads(1 if work <= SMALL else threads)
+    try:
+        yield
+    finally:
+        set_num_threads(threads)
 
 
 def _sums_general(b, y, observed, stretches):

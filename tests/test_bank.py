@@ -256,3 +256,17 @@ def test_states_end_at_zero_where_a_record_does():
     s._advance_modal(np.zeros((2, n)), np.ones(n), 0, part + a, part, part[:1] + 1.0,
                      np.zeros((1, 1, 1, s.GROUP)), x, np.zeros((1, 2, 2, s.GROUP)))
     assert not x.any()
+
+
+def test_little_work_wakes_no_second_thread(monkeypatch):
+    asked = []
+    monkeypatch.setattr(s, "get_num_threads", lambda: 2)
+    monkeypatch.setattr(s, "set_num_threads", asked.append)
+    b = s.bank(make("markov", THETA["markov"][0]), 1.0, np.array(THETA["markov"]))
+    many = s.SMALL // 8 + 1
+    for records, stops, expected in ((1, [50, 100], [1, 2, 1, 2]), (8, [many], [2, 2]),
+                                     (8, [many - 1, many], [1, 2, 1, 2])):
+        asked.clear()
+        for _ in s.filter_bank(b, np.zeros((records, stops[-1])), stops):
+            assert asked[-1] == 2    # whoever goes on here has all of them
+        assert asked == expected
