@@ -1,14 +1,15 @@
 """p-values where there is no gap."""
 
 import generator
+import numba
 import numpy as np
 import pytest
 from conftest import DT, MODEL
 from scipy.stats import binom, kstest
 
 import sensorid
-from sensorlab import Scene, Simulator
-from sensorlab.gap import account, distance
+from sensorlab import CATALOGUE, Scene, Simulator
+from sensorlab.gap import account, distance, filters, scans, signatures
 from sensorlab.gap.effects import members
 
 
@@ -47,3 +48,24 @@ def test_the_error_of_a_p_value_is_its_spread_over_sets_of_simulated_records():
     spread = np.std([np.log(gap.p_value) for gap in gaps])
     told = np.mean([distance.log_p_error(gap) for gap in gaps])
     assert 0.5 < spread / told < 2.0 and spread > 0.05
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one thread only")
+def test_the_number_of_threads_changes_no_bit():
+    y = sensorid.simulate(MODEL[1:], DT, 700, seed=5).error[0]
+    scene, told = Scene(y, DT, {}), []
+    fit = account.account(scene, members(Simulator(MODEL), scene))
+    solved = filters.solve(fit.member, scene, (), fit.sample.nodes(5))
+    listed = signatures.families(scene, [CATALOGUE[name] for name in (
+        "bias_step", "pulse", "sinusoid", "turn_on_transient")])
+    before = numba.get_num_threads()
+    try:
+        for threads in (1, 2):
+            numba.set_num_threads(threads)
+            gap = distance.distance(scene, fit, 9)
+            told.append(np.concatenate([gap.null.ravel(), gap.z, *(
+                scans.family_bayes(scene, family, solved, signatures.bayes_table())
+                for family in listed)]))
+    finally:
+        numba.set_num_threads(before)
+    assert np.array_equal(*told)
