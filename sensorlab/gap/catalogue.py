@@ -3,6 +3,8 @@
 An effect of your own is another `Effect`; those below are examples of every kind.
 """
 
+import functools
+
 import numpy as np
 from numba import njit
 from scipy.signal import lfilter
@@ -205,6 +207,12 @@ def lattice(y):
     The coarsest at which |mean of exp(2 pi i value / spacing)| over the values, each
     once, is nearly 1: printed digits may have moved them a little.
     """
+    return _lattice_of(np.asarray(y, float).tobytes())
+
+
+@functools.lru_cache(maxsize=4)    # the same few are asked for again and again
+def _lattice_of(y):
+    y = np.frombuffer(y)
     values = np.unique(y[~np.isnan(y)])
     values = values - values[len(values) // 2]
     step = np.diff(values)

@@ -110,7 +110,8 @@ class _Points(NamedTuple):
     @property
     def total(self):
         """Log-likelihood over all explanations, (M,)."""
-        return logsumexp(self.log_likelihood, axis=1)
+        return self.log_likelihood[:, 0] if self.log_likelihood.shape[1] == 1 else (
+            logsumexp(self.log_likelihood, axis=1))
 
     @property
     def log_posterior(self):
