@@ -120,3 +120,14 @@ def test_a_diagnosis_on_a_terminal_leaves_its_line_empty(tmp_path, monkeypatch,
     assert main(["diagnose", "r.npz", "--model", "m.json"]) == 0
     said = terminal()
     assert "looking for signatures" in said and said.endswith(" \r")
+
+
+def test_an_interrupt_has_its_line_to_itself(tmp_path, monkeypatch, terminal):
+    def interrupted(*_, progress, **__):
+        progress(1, 10, "fitting")
+        raise KeyboardInterrupt
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sensorlab.commands.diagnose.diagnose", interrupted)
+    np.savez("r.npz", error=np.random.default_rng(0).normal(size=300), dt=1.0)
+    assert main(["diagnose", "r.npz"]) == 130
+    assert terminal().endswith(" \rsensorid: interrupted\n")

@@ -69,14 +69,16 @@ def _one(options, model, record, folder):
     """The record that is alone, at length."""
     unit = record.unit
     simulated = simulated_records(options, record) if options.simulated else None
-    simulator = _simulator(model, simulated, record)
+    simulator, show_progress = _simulator(model, simulated, record), progress_line()
     try:
         say_beforehand(forewarning(len(record.error), len(record.columns)))
         check_onsets(simulator, Scene(record.error, record.dt, {}))
         d = diagnose(record.error, record.dt, simulator, record.columns,
-                     seed=options.seed, progress=progress_line(), simulated=simulated)
+                     seed=options.seed, progress=show_progress, simulated=simulated)
     except ValueError as problem:
         raise ValueError(f"{options.model or record.file}: {problem}") from None
+    finally:
+        show_progress(1, 1, "")    # whatever is said now has the line to itself
     simulator = augmented(d)
     (h,) = simulator.hypotheses
     quotes = as_quoted([(p.symbol, p.mean, p.sd) for p in h.parameters], record,
