@@ -82,18 +82,18 @@ def test_a_listener_hears_every_part_of_the_work():
 
 def test_the_line_on_a_terminal_tells_what_is_done_and_what_remains(terminal):
     now = [0.0]
-    show = progress.progress_line(lambda: now[0])
-    show(0.0, 10.0, "measuring")
-    now[0] = 40.0
-    show(2.5, 10.0, "looking")
-    show(10.0, 10.0, "")
+    with progress.progress_line(lambda: now[0]) as show:
+        show(0.0, 10.0, "measuring")
+        now[0] = 40.0
+        show(2.5, 10.0, "looking")
     assert terminal().split("\r")[2::2] == [
         "[....................] measuring", "[#####...............] looking, about "
         "2 min left", ""]
 
 
 def test_nothing_is_shown_where_nobody_looks(capsys):
-    progress.progress_line()(1, 2, "looking")
+    with progress.progress_line() as show:
+        show(1, 2, "looking")
     progress.say_beforehand("long")
     assert capsys.readouterr().err == ""
 

@@ -3,8 +3,9 @@
 import pathlib
 
 from sensorid import default_hypotheses
+from sensorlab.commands.progress import progress_line
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, read_each, refuse_unused, write_json, write_text)
+    check_outputs, read_each, refuse_unused, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import augmented, diagnose
@@ -26,8 +27,9 @@ def run(options):
         raise ValueError(f"--compose takes one record at a time, not {len(records)}: "
                          "diagnose takes several")
     (record,), unit = records, records[0].unit
-    d = diagnose(record.error, record.dt, Simulator(default_hypotheses(
-        record.error, record.dt)), progress=progress_bar)
+    with progress_line() as progress:
+        d = diagnose(record.error, record.dt, Simulator(default_hypotheses(
+            record.error, record.dt)), progress=progress)
     simulator = augmented(d)
     (h,) = simulator.hypotheses
     if options.json:

@@ -69,16 +69,15 @@ def _one(options, model, record, folder):
     """The record that is alone, at length."""
     unit = record.unit
     simulated = simulated_records(options, record) if options.simulated else None
-    simulator, show_progress = _simulator(model, simulated, record), progress_line()
+    simulator = _simulator(model, simulated, record)
     try:
         say_beforehand(forewarning(len(record.error), len(record.columns)))
         check_onsets(simulator, Scene(record.error, record.dt, {}))
-        d = diagnose(record.error, record.dt, simulator, record.columns,
-                     seed=options.seed, progress=show_progress, simulated=simulated)
+        with progress_line() as progress:
+            d = diagnose(record.error, record.dt, simulator, record.columns,
+                         seed=options.seed, progress=progress, simulated=simulated)
     except ValueError as problem:
         raise ValueError(f"{options.model or record.file}: {problem}") from None
-    finally:
-        show_progress(1, 1, "")    # whatever is said now has the line to itself
     simulator = augmented(d)
     (h,) = simulator.hypotheses
     quotes = as_quoted([(p.symbol, p.mean, p.sd) for p in h.parameters], record,

@@ -1,5 +1,6 @@
 """How far long work has come, on a terminal; nothing where nobody looks on."""
 
+import contextlib
 import shutil
 import sys
 import time
@@ -17,9 +18,11 @@ def looked_at():
     return bool(sys.stderr and sys.stderr.isatty())
 
 
+@contextlib.contextmanager
 def progress_line(clock=time.monotonic):
     """A function of (done, all, what) that rewrites one line with a bar, what is being
-    done and about how long the rest will take.
+    done and about how long the rest will take; in the end the line is empty, so that
+    whatever is said then has it to itself.
     """
     started = clock()
 
@@ -37,7 +40,10 @@ def progress_line(clock=time.monotonic):
         if passed < PATIENCE or not done:
             return ""
         return f", about {in_words(passed * (total - done) / done)} left"
-    return show
+    try:
+        yield show
+    finally:
+        show(1, 1, "")
 
 
 def in_words(seconds):
