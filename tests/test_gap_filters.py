@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal, norm
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene
-from sensorlab.gap import filters, scans, signatures
+from sensorlab.gap import filters, kernels, scans, signatures
 
 
 def test_severity_is_that_of_the_dense_covariance():
@@ -71,6 +71,38 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
                   * norm.pdf(y, (path - 0.5) * size, 0.5).prod())
     p = filters.predict(h, scene, (), np.array([[0.5, dwell, size]]))
     assert_allclose(p.log_likelihood[0, 0], np.log(total), rtol=1e-10)
+
+
+def test_halves_of_a_process_say_the_same_in_complex_numbers():
+    y = np.random.default_rng(2).standard_normal((2, 60))
+    y[:, 20:25] = np.nan
+    r, H = np.array([[0.3], [0.2]]), np.ones((60, 2))
+    outlier, jump = np.array([[0.05, 9.0]] * 2), np.array([[0.1, 0.7]] * 2)
+    whole = np.array([[[0.9, 1.0], [0.8, 1.0]], [[0.19, 0.0], [0.36, 0.0]],
+                      [[1.0, 4.0], [1.0, 4.0]]])
+    parts = np.insert(whole, 0, whole[:, :, 0], axis=2).astype(complex)
+    parts[1:, :, :2] *= [0.5 + 0.2j, 0.5 - 0.2j]    # two of indefinite covariance
+    said = []
+    for own, h in ((whole, H), (parts, np.ones((60, 3)))):
+        out = np.full((2, 2, 4, 60), np.nan)
+        total = kernels.mixture_filters(y, h, own, r, outlier, jump, out)
+        w, steps, log_det = kernels.adjoint(np.nan_to_num(y), 1.0 - np.isnan(y[0]),
+                                            own, r)
+        said.append((total, out, w, steps, log_det))
+    for one, other in zip(*said):
+        assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+
+
+def test_a_filter_that_is_no_sum_of_processes_has_no_modes():
+    ramp = sensorid.hypothesis("rate_ramp", slope=1.0, sigma_v=1.0)
+    assert filters.equivalent_modes(sensorid.bank(ramp, DT, np.array([[1.0, 0.0, 1.0]]))
+                                    ) is None
+
+    def from_rest(dt, sigma_m):    # turns, but is not yet as wide as it will be
+        return sensorid.shaping_filter([[0.5, -0.5], [0.5, 0.5]], [[sigma_m], [0.0]],
+                                       [1.0, 0.0])
+    h = sensorid.hypothesis(from_rest, sigma_m=1.0)
+    assert filters.equivalent_modes(sensorid.bank(h, DT, np.array([[1.0]]))) is None
 
 
 def test_telegraph_on_a_walk_is_close_to_the_sum_over_all_histories():

@@ -13,8 +13,9 @@ EFFECTS = (
     "rate_ramp", "bias_step", "pulse", "second_order_drift", "turn_on_transient",
     "sinusoid", "temperature", "thermal_lag", "scale_factor", "nonlinearity", "latency",
     "g_sensitivity", "covariate", "hysteresis", "random_walk", "correlated_noise",
-    "bias_instability", "bandwidth", "noise_step", "outliers", "random_telegraph",
-    "quantization", "saturation", "stuck", "wrong_parameter")
+    "bias_instability", "narrow_band_noise", "bandwidth", "blue_noise", "noise_step",
+    "outliers", "random_telegraph", "quantization", "saturation", "stuck",
+    "repeated_samples", "wrong_parameter")
 
 RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
           "PX4 or .bin of ArduPilot")

@@ -130,10 +130,16 @@ def as_simulated(acc, scene, theta, widths=None):
     """
     base = acc.bases[acc.best].hypothesis
     widths = np.zeros(len(theta)) if widths is None else widths
+    scaled = acc.member.in_units(theta)
     h = base._replace(parameters=tuple(
-        _around(p, v, w) for p, v, w in zip(base.parameters, theta, widths)))
-    inside = [one._replace(values=fixed(**acc.member.of(one, theta)))
-              for one in acc.member.effects if not one.effect.reading]
+        _around(p, v, w) for p, v, w in zip(base.parameters, scaled, widths)))
+    for one in acc.member.effects:
+        if one.effect.factor:    # what makes a bias larger is in the base already
+            h = h._replace(bias_sigma=base.bias_sigma * min(
+                acc.member.value(theta, one.key, "factor"), 1.0))
+    inside = [one._replace(values=fixed(**acc.member.of(one, scaled)))
+              for one in acc.member.effects
+              if not (one.effect.reading or one.effect.factor)]
     return Simulator((h,), ((*inside, *_with_sizes(acc, scene, theta),
                              *(r.found for r in acc.readings)),))
 

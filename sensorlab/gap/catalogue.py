@@ -100,17 +100,25 @@ def join(filt, a, drive, initial):
     """A shaping filter with one-state processes added to its output, of factors a and
     standard deviations of their noise and of their initial value.
     """
-    n, m, k = filt.Phi.shape[1], filt.Gamma.shape[2], len(a)
-    Phi, Gamma, P0 = (np.zeros((n + k, n + k)), np.zeros((n + k, m + k)),
-                      np.zeros((n + k, n + k)))
-    Phi[:n, :n], Gamma[:n, :m], P0[:n, :n] = filt.Phi[0], filt.Gamma[0], filt.P0
-    for i in range(k):
-        Phi[n + i, n + i] = a[i]
-        Gamma[n + i, m + i] = drive[i]
-        P0[n + i, n + i] = initial[i]**2
-    return ShapingFilter(Phi[None], Gamma[None],
-                         np.append(filt.H[0], np.ones(k))[None], filt.Psi,
-                         np.append(filt.m0, np.zeros(k)), P0)
+    return _with_block(filt, np.diag(a), np.diag(drive), np.ones(len(a)),
+                       np.diag(np.square(initial)))
+
+
+def _with_block(filt, Phi, Gamma, H, P0):
+    """A shaping filter with the output of another, of zero expectation, added."""
+    return ShapingFilter(_blocks(filt.Phi[0], Phi)[None],
+                         _blocks(filt.Gamma[0], Gamma)[None],
+                         np.append(filt.H[0], H)[None], filt.Psi,
+                         np.append(filt.m0, np.zeros(len(H))), _blocks(filt.P0, P0))
+
+
+def _blocks(one, other):
+    """Two matrices as the blocks of one; that of SciPy takes longer than all else here.
+    """
+    n, m = one.shape
+    result = np.zeros((n + len(other), m + len(other[0])))
+    result[:n, :m], result[n:, m:] = one, other
+    return result
 
 
 def _random_walk(scene, filt, sigma_w):
@@ -144,11 +152,56 @@ def _bias_instability(scene, filt, sigma):
     return beside(filt, np.exp(-scene.dt / taus), sigma * part)
 
 
-def _bandwidth(scene, filt, tau):
-    """The white noise passes a first-order low-pass of unit gain at rest."""
-    a = np.exp(-scene.dt / tau)
-    low = np.sqrt((1.0 - a) / (1.0 + a)) * filt.Psi
-    return beside(filt._replace(Psi=np.zeros(1)), [a], low)
+NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at zero
+
+
+def _bandwidth(scene, filt, tau, variant=""):
+    """The white noise passes a low-pass of unit gain at rest, of first order or of
+    second (Butterworth).
+    """
+    rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[0]
+    if variant != "second order":
+        a = np.exp(-scene.dt / tau)
+        return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
+    decay = min(scene.dt / tau / np.sqrt(2.0), NO_MEMORY)
+    # poles beyond a fourth of a turn would let pass what is fast, and stop the rest
+    pole = np.exp(-decay + 1j * min(decay, 0.5 * np.pi))
+    first, second = 2.0 * pole.real, -abs(pole)**2
+    gain = (1.0 - first - second) * white
+    variance = (1.0 - second) * gain**2 / (
+        (1.0 + second) * ((1.0 - second)**2 - first**2))
+    return _with_block(rest, [[first, second], [1.0, 0.0]], [[gain], [0.0]], [1.0, 0.0],
+                       variance * _correlated(first / (1.0 - second)))
+
+
+def _correlated(r):
+    return np.array([[1.0, r], [r, 1.0]])
+
+
+MIN_TURN = 2.0    # radians in the correlation time of a band: with fewer its width is
+                  # more than its frequency, and it is a Markov process
+
+
+def _narrow_band(scene, filt, frequency, tau, sigma):
+    """A vector that turns and shrinks, driven evenly in all directions: one of its two
+    components has the covariance sigma^2 exp(-|t| / tau) cos(2 pi frequency t).
+    """
+    sigma = sigma * (2.0 * np.pi * frequency * tau >= MIN_TURN)
+    turn, a = 2.0 * np.pi * frequency * scene.dt, np.exp(-scene.dt / tau)
+    c, s = a * np.cos(turn), a * np.sin(turn)
+    return _with_block(filt, [[c, -s], [s, c]],
+                       sigma * np.sqrt(1.0 - a**2) * np.eye(2), [1.0, 0.0],
+                       sigma**2 * np.eye(2))
+
+
+def _blue_noise(scene, filt, tau, sigma):
+    """A Markov process less what it was a sample before: white noise through a
+    first-order high-pass.
+    """
+    a = np.exp(-min(scene.dt / tau, NO_MEMORY))
+    difference = sigma / np.sqrt(2.0 * (1.0 - a))
+    return _with_block(filt, [[a, 0.0], [1.0, 0.0]], [[np.sqrt(1.0 - a**2)], [0.0]],
+                       [difference, -difference], _correlated(a))
 
 
 def _noise_step(scene, filt, onset, ratio):
@@ -193,6 +246,12 @@ def _stick(scene, y, spans):
     for start, length in spans:
         first = round(start / scene.dt)
         y[..., first:first + int(length)] = y[..., first:first + 1]
+
+
+def repeat(scene, y, frequency, phase):
+    """Every sample becomes the last that a sensor of a rate of its own has given."""
+    number = np.floor(frequency * scene.time + phase / (2.0 * np.pi))
+    y[:] = y[..., np.searchsorted(number, number)]
 
 
 CONCENTRATED = 0.9    # of a lattice: digits may blur it by a quarter of its spacing
@@ -375,10 +434,29 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y + Markov processes, tau evenly in log from dt to T / 10, "
                     "together of standard deviation sigma, in u",
            resembles="correlated noise, random walk", experiment="record longer"),
-    Effect("bandwidth", model=_bandwidth,
+    Effect("narrow_band_noise", model=_narrow_band, search="band",
+           parameters=lambda s: (Parameter("frequency", MIN_CYCLES / s.duration,
+                                           0.5 / s.dt),
+                                 _log("tau", 2.0 * s.dt, s.duration / 10),
+                                 _log("sigma", 0.03 * s.white, _spread(s))),
+           equation="y + a process of covariance sigma^2 exp(-|t| / tau) "
+                    "cos(2 pi frequency t), 0 where 2 pi frequency tau < 2; frequency "
+                    "in Hz, tau in s, sigma in u",
+           resembles="sinusoid where tau is long, correlated noise where it is short",
+           experiment="damp vibration; an alias moves with the sampling rate"),
+    Effect("bandwidth", model=_bandwidth, search="spectrum",
+           variants=("first order", "second order"),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
-           equation="the white noise v becomes V, tau dV/dt = v - V; tau in s",
+           equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
+                    "+ sqrt(2) tau dV/dt = v - V; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
+    Effect("blue_noise", model=_blue_noise, search="spectrum",
+           parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),
+                                 _log("sigma", 0.03 * s.white, _spread(s))),
+           equation="y + w - W, tau dW/dt = w - W, w white noise, standard deviation "
+                    "of w - W sigma; tau in s, sigma in u",
+           resembles="quantization of the angle, white noise that is low-passed",
+           experiment="integrate: the angle has white noise"),
     Effect("noise_step", model=_noise_step, search="onset",
            parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 0.1, 10.0)),
            equation="the white noise becomes ratio times as strong from t = onset "
@@ -411,8 +489,14 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y keeps its value in spans of (start in s, samples)",
            resembles="quantization",
            experiment="compare the counters of sensor and logger"),
+    Effect("repeated_samples", reading=repeat,
+           equation="y is what the sensor gave last, which samples at frequency, in "
+                    "Hz, below that of the record; phase, in rad, at the first",
+           resembles="stuck samples, quantization",
+           experiment="compare the counters of sensor and logger, poll faster"),
     Effect("wrong_parameter", factor=1000.0,
-           equation="one parameter of the simulator is factor times what it says",
+           equation="one parameter of the simulator, or all standard deviations, is "
+                    "factor times what it says",
            resembles="correlated noise, bandwidth",
            experiment="compare the Allan deviation with the data sheet, unit by unit"),
 )}

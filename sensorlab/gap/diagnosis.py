@@ -156,7 +156,8 @@ def augmented(d):
     base have the posterior's mean and standard deviation, the rest are numbers.
     """
     # a uniform range of this half-width has that standard deviation
-    width = np.sqrt(3.0) * d.final.sample.sd(d.final.theta)
+    to, sample = d.final.member.in_units, d.final.sample
+    width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(d.final.theta))
     (h,), (effects,) = as_simulated(d.final, d.scene, d.after.theta, width)
     known = sum((signature_of(d.scene, one, _numbers(one)) for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))
@@ -284,9 +285,11 @@ ALIKE = 0.02    # relative: two counts or limits that are the same
 
 
 def _alike(own, seen):
-    """Is a reading of the simulator that of the record? Where samples stick may differ.
+    """Is a reading of the simulator that of the record? Where samples stick or begin to
+    repeat may differ.
     """
-    return all(symbol == "spans" or np.allclose(value, seen[symbol], rtol=ALIKE)
+    return all(symbol in ("spans", "phase")
+               or np.allclose(value, seen[symbol], rtol=ALIKE)
                for symbol, value in own.items())
 
 

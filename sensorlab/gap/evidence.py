@@ -131,6 +131,7 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
     log_likelihood : function of theta (M, p)
         Gives (M, E): log-likelihoods of E rival explanations, whose sum is sampled.
     parameters : tuple of Parameter
+        One with a `log_ratio` is drawn from another law than its prior.
     guess : (k,) and (k, k) array, optional
         Mean and covariance that the first k free parameters may have, in the
         coordinates where the prior is standard normal.
@@ -153,10 +154,15 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
     sampling", Scand. J. Stat. 39, 2012. Coordinates in which the prior is N(0, I) have
     no edges. Early proposals follow the tempered posterior.
     """
+    sought = [c for c, p in enumerate(parameters) if hasattr(p, "log_ratio")]
+
     def located(x):
         theta, moved = at_quantiles(parameters, ndtr(x)), np.zeros(len(x))
+        for column in sought:
+            moved += parameters[column].log_ratio(theta[:, column])
         if move is not None:
-            theta, moved = move(theta)
+            theta, more = move(theta)
+            moved += more
         ll = log_likelihood(theta)
         return _Points(x, theta, moved, np.where(np.isfinite(ll), ll, NOTHING))
 
@@ -338,11 +344,12 @@ def _draw_onset_groups(first, last, y, H, modes, early, late, u, least, most, on
     (M, n), N = modes.shape[1:], len(y)
     for group in range(first, last):
         start, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
-        a, q = np.zeros((n, ABREAST)), np.zeros((n, ABREAST))
-        P, x = np.empty((n, n, ABREAST)), np.empty((n, ABREAST))
-        Ph, f, nu = np.empty((n, ABREAST)), np.empty(ABREAST), np.empty(ABREAST)
+        a, q = np.zeros((n, ABREAST), modes.dtype), np.zeros((n, ABREAST), modes.dtype)
+        P = np.empty((n, n, ABREAST), modes.dtype)
+        x, Ph = np.empty_like(a), np.empty_like(a)
+        f, nu = np.empty_like(a[0]), np.empty(ABREAST)
         noise, last, log_f = np.ones(ABREAST), np.zeros(ABREAST), np.zeros(ABREAST)
-        weight, gain = np.empty(ABREAST), np.empty(ABREAST)
+        weight, gain = np.empty_like(f), np.empty(ABREAST)
         odds = np.zeros((N, ABREAST))
         for changed in range(2):
             P[:], x[:] = 0.0, 0.0
@@ -360,13 +367,13 @@ def _draw_onset_groups(first, last, y, H, modes, early, late, u, least, most, on
                 if np.isnan(y[i]):
                     continue
                 for g in range(ABREAST):
-                    if abs(f[g] - last[g]) > 1e-6 * f[g]:
-                        last[g], log_f[g] = f[g], np.log(f[g])
-                    square = nu[g] * nu[g] / f[g]
+                    if abs(f[g].real - last[g]) > 1e-6 * f[g].real:
+                        last[g], log_f[g] = f[g].real, np.log(f[g].real)
+                    square = nu[g] * nu[g] / f[g].real
                     odds[i, g] += (changed - 0.5) * (
                         log_f[g] + min(square, WILD_SQUARE))
                     weight[g] = 1.0 / f[g] if square < WILD_SQUARE else 0.0
-                    gain[g] = nu[g] * weight[g]
+                    gain[g] = nu[g] * weight[g].real
                 update_state(x, Ph, gain)
                 update_covariance(P, Ph, weight)
         peak = np.full(((most - least - 1) // ONSET_BIN + 1, ABREAST), -np.inf)

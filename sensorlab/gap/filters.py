@@ -37,18 +37,52 @@ class Predicted(NamedTuple):
 
 
 def processes(h, scene, theta):
-    """The one-state processes that a hypothesis is the sum of at theta (M, p)."""
+    """The one-state processes that a hypothesis is the sum of at theta (M, p), or that
+    have the covariance of such a sum.
+    """
     return _modes_of(h, bank(h, scene.dt, theta))
 
 
 def _modes_of(h, b):
     """`Modes` of a hypothesis with this bank."""
-    own = modes(b)
+    own = modes(b) or equivalent_modes(b)
     if own is None:
         raise ValueError(f"{h.name} is no sum of independent one-state processes: "
                          "only such hypotheses can be diagnosed; give a ramp as an "
                          "effect of a random walk")
     return own
+
+
+SAME = 1e-8    # relative: two numbers that are equal but for rounding
+
+
+def equivalent_modes(b):
+    """`Modes` whose sum has the covariance of the output of a bank, or None where there
+    are none.
+
+    All that a filter says of its output follows from the covariance of the output.
+    That of a stationary filter is a sum of terms v a^|k|, a the eigenvalues of Phi.
+    Each is that of a process, if v may be negative (less white noise below a frequency)
+    and a complex (a band, with its conjugate): the recursions hold all the same, for
+    what such processes lack of the true covariance is constant and never seen.
+    """
+    if not b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1 or b.m0.any():
+        return None
+    a, axes = np.linalg.eig(b.Phi[:, 0])
+    if np.linalg.cond(axes).max() > 1.0 / SAME:
+        return None
+    # the states of which each is observed by 1, and their covariances
+    to = (b.H @ axes).swapaxes(1, 2) * np.linalg.inv(axes)
+    Q, P = (to @ m @ to.swapaxes(1, 2) for m in (b.Q[:, 0], b.P0))
+    apart = ~np.eye(a.shape[1], dtype=bool)
+    step = a[:, :, None] * P * a[:, None, :] + Q
+    if np.abs(step - P)[:, apart].max() > SAME * np.abs(P).max():
+        return None
+    p0 = P.sum(2)
+    q = step.sum(2) - a**2 * p0
+    if not a.imag.any():
+        a, q, p0 = a.real, q.real, p0.real
+    return Modes(a, q, p0, b.r)
 
 
 def constants(h, signatures):

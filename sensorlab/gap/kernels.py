@@ -6,6 +6,10 @@ recursion takes stand first, once for all of them; h (n,) observes the states; o
 covariance the lower half is kept. (The bank of `sensorid` writes its own steps out:
 built of these it takes twice as long, see tests/bench_gap.py.)
 
+Processes of a band are complex, in pairs of conjugates, and a kernel is compiled for
+them apart. What is predicted of a sample is real, but their covariance and f stay
+complex: rounding errors would grow if the imaginary part of f were dropped.
+
 Kernels do the groups first ... last - 1 and are called through `in_threads`: a parallel
 loop of Numba is compiled twice, which a first call would wait for, and its threads spin
 while they wait. Arrays are copied by loops: the messages of a failed assignment take
@@ -93,7 +97,7 @@ def predict_state(a, h, x, nu):
     for s in range(n):
         for g in range(ABREAST):
             x[s, g] *= a[s, g]
-            nu[g] -= h[s] * x[s, g]
+            nu[g] -= (h[s] * x[s, g]).real
 
 
 @njit(**JIT)
@@ -135,19 +139,23 @@ def _filter_mixtures(first, last, levels, kinds, y, H, modes, r, outlier, jump, 
     pairs = len(y) * M
     for group in range(first, last):
         record, node = np.empty(ABREAST, np.int64), np.empty(ABREAST, np.int64)
-        A, Q = np.empty((n, ABREAST)), np.empty((n, ABREAST))
+        scalar = modes.dtype
+        A, Q = np.empty((n, ABREAST), scalar), np.empty((n, ABREAST), scalar)
         rate, wider = np.empty(ABREAST), np.empty(ABREAST)
         change, offset = np.empty(ABREAST), np.empty(ABREAST)
-        x, P = np.zeros((levels, n, ABREAST)), np.zeros((levels, n, n, ABREAST))
-        Ph, apart = np.empty((levels, n, ABREAST)), np.empty((n, ABREAST))
+        x = np.zeros((levels, n, ABREAST), scalar)
+        P = np.zeros((levels, n, n, ABREAST), scalar)
+        Ph = np.empty((levels, n, ABREAST), scalar)
+        apart = np.empty((n, ABREAST), scalar)
         weight = np.full((levels, ABREAST), 1.0 / levels)
         prior, share = weight.copy(), np.ones((levels, ABREAST))
-        seen, nu, f = np.empty(ABREAST), np.empty((levels, ABREAST)), np.empty(ABREAST)
-        per_f, half = (np.empty((levels, kinds, ABREAST)),
-                       np.empty((levels, kinds, ABREAST)))
-        term, mass = np.empty((levels, kinds, ABREAST)), np.empty(ABREAST)
+        seen, nu = np.empty(ABREAST), np.empty((levels, ABREAST))
+        f = np.empty(ABREAST, scalar)
+        per_f = np.empty((levels, kinds, ABREAST), scalar)
+        half, term = np.empty(per_f.shape), np.empty(per_f.shape)
+        mass = np.empty(ABREAST)
         least, wild = np.empty(ABREAST), np.zeros((levels, ABREAST))
-        gain, shrink = np.empty(ABREAST), np.empty(ABREAST)
+        gain, shrink = np.empty(ABREAST, scalar), np.empty(ABREAST, scalar)
         log_f, product = np.zeros(ABREAST), np.ones(ABREAST)
         number = min(ABREAST, pairs - group * ABREAST)
         for g in range(ABREAST):
@@ -178,9 +186,10 @@ def _filter_mixtures(first, last, levels, kinds, y, H, modes, r, outlier, jump, 
                     for g in range(ABREAST):
                         k = 1.0 / (f[g] + kind * wider[g])
                         per_f[level, kind, g] = k
-                        term[level, kind, g] = prior[level, g] * np.sqrt(k) * (
+                        term[level, kind, g] = prior[level, g] * np.sqrt(k.real) * (
                             rate[g] if kind else 1.0 - rate[g])
-                        half[level, kind, g] = 0.5 * k * nu[level, g] * nu[level, g]
+                        half[level, kind, g] = 0.5 * k.real * (
+                            nu[level, g] * nu[level, g])
                         least[g] = min(least[g], half[level, kind, g])
             mass[:] = 0.0
             for level in range(levels):
@@ -220,7 +229,7 @@ def _filter_mixtures(first, last, levels, kinds, y, H, modes, r, outlier, jump, 
                         np.log(mass[g]) - least[g] - 0.5 * LOG_2PI)
                     if levels * kinds == 1:
                         out[record[g], node[g], 0, i] = nu[0, g] * np.sqrt(
-                            per_f[0, 0, g])
+                            per_f[0, 0, g].real)
                         continue
                     below, above, odd = _sample_law(g, rate, prior, weight, wild, per_f,
                                                     nu)
@@ -261,7 +270,7 @@ def _sample_law(g, rate, prior, weight, wild, per_f, nu):
         odd += weight[level, g] * wild[level, g]
         for kind in range(per_f.shape[1]):
             part = 0.5 * prior[level, g] * (rate[g] if kind else 1.0 - rate[g])
-            e = nu[level, g] * np.sqrt(0.5 * per_f[level, kind, g])
+            e = nu[level, g] * np.sqrt(0.5 * per_f[level, kind, g].real)
             below += part * math.erfc(-e)
             above += part * math.erfc(e)
     return below, above, odd
@@ -289,11 +298,12 @@ def _go_there_and_back(first, last, y, observed, modes, r, w, steps, log_det):
     h = np.ones(n)
     for group in range(first, last):
         node = np.minimum(group * ABREAST + np.arange(ABREAST), M - 1)
-        a, q = np.empty((n, ABREAST)), np.empty((n, ABREAST))
-        P, x = np.zeros((n, n, ABREAST)), np.zeros((C, n, ABREAST))
-        Ph, f, nu = np.empty((n, ABREAST)), np.empty(ABREAST), np.empty(ABREAST)
-        weight, gain = np.empty((N, ABREAST)), np.empty((C, N, ABREAST))
-        K, log_f = np.empty((N, n, ABREAST)), np.zeros(ABREAST)
+        a, q = np.empty((n, ABREAST), modes.dtype), np.empty((n, ABREAST), modes.dtype)
+        P = np.zeros((n, n, ABREAST), modes.dtype)
+        x, Ph = np.zeros((C, n, ABREAST), modes.dtype), np.empty_like(a)
+        f, nu, log_f = np.empty_like(a[0]), np.empty(ABREAST), np.zeros(ABREAST)
+        weight, gain = np.empty((N, ABREAST), modes.dtype), np.empty((C, N, ABREAST))
+        K = np.empty((N, n, ABREAST), modes.dtype)
         for s in range(n):
             for g in range(ABREAST):
                 a[s, g], q[s, g] = modes[0, node[g], s], modes[1, node[g], s]
@@ -304,7 +314,7 @@ def _go_there_and_back(first, last, y, observed, modes, r, w, steps, log_det):
             predict_covariance(a, q, h, P, Ph, f)
             for g in range(ABREAST):
                 weight[i, g] = observed[i] / f[g]
-                log_f[g] += observed[i] * np.log(f[g])
+                log_f[g] += observed[i] * np.log(f[g].real)
                 for s in range(n):
                     K[i, s, g] = a[s, g] * Ph[s, g] * weight[i, g]
             update_covariance(P, Ph, weight[i])
@@ -312,7 +322,7 @@ def _go_there_and_back(first, last, y, observed, modes, r, w, steps, log_det):
                 nu[:] = y[c, i]
                 predict_state(a, h, x[c], nu)
                 for g in range(ABREAST):
-                    gain[c, i, g] = nu[g] * weight[i, g]
+                    gain[c, i, g] = nu[g] * weight[i, g].real
                 update_state(x[c], Ph, gain[c, i])
         shocks = _go_back(a, K, weight, gain)
         for g in range(min(ABREAST, M - group * ABREAST)):
@@ -331,10 +341,11 @@ def _go_back(a, K, weight, gain):
     """
     C, N = gain.shape[:2]
     n = len(a)
-    R, D = np.zeros((C, n, ABREAST)), np.zeros((n + 1, n + 1, ABREAST))
-    kD, kDk = np.empty((n + 1, ABREAST)), np.empty(ABREAST)
+    R = np.zeros((C, n, ABREAST), a.dtype)
+    D = np.zeros((n + 1, n + 1, ABREAST), a.dtype)
+    kD, kDk = np.empty((n + 1, ABREAST), a.dtype), np.empty(ABREAST, a.dtype)
     steps = np.empty((N, ABREAST))
-    L = np.ones((n + 1, ABREAST))    # the last of the factors is that of the shift
+    L = np.ones((n + 1, ABREAST), a.dtype)    # the last factor is that of the shift
     for s in range(n):
         for g in range(ABREAST):
             L[s, g] = a[s, g]
@@ -342,7 +353,7 @@ def _go_back(a, K, weight, gain):
         for c in range(C):
             for s in range(n):
                 for g in range(ABREAST):
-                    gain[c, i, g] -= K[i, s, g] * R[c, s, g]
+                    gain[c, i, g] -= (K[i, s, g] * R[c, s, g]).real
             for s in range(n):
                 for g in range(ABREAST):
                     R[c, s, g] = gain[c, i, g] + a[s, g] * R[c, s, g]
@@ -362,7 +373,7 @@ def _go_back(a, K, weight, gain):
                     D[s, t, g] = (L[s, g] * L[t, g] * D[s, t, g] - L[s, g] * kD[s, g]
                                   - L[t, g] * kD[t, g] + kDk[g])
         for g in range(ABREAST):
-            steps[i, g] = D[n, n, g]
+            steps[i, g] = D[n, n, g].real
     return steps
 
 
@@ -397,5 +408,5 @@ def spectrum(a, q, turn):
     """Spectrum of a sum of one-state processes at turn = |1 - exp(-i w)|^2."""
     S = 0.0
     for s in range(len(a)):
-        S += q[s] / ((1.0 - a[s])**2 + a[s] * turn)
+        S += (q[s] / ((1.0 - a[s])**2 + a[s] * turn)).real
     return S

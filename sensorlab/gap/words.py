@@ -243,7 +243,10 @@ def advice(d):
         yield (f"{e.name} is easily taken for {e.resembles}; to tell them apart: "
                f"{e.experiment}")
     for one in d.found:
-        if one.variant:
+        if one.variant and not one.column:
+            yield (f"{one.name} is of {one.variant}, probability {one.share:.2f} among "
+                   "its forms")
+        elif one.variant:
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "
                    f"probability {one.share:.2f} among its forms; its size is of that")
     for column in {s.found.column for s in d.final.signatures if s.found.column}:
