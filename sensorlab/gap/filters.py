@@ -204,7 +204,7 @@ def polarized(b, scene, rows, pairs):
     """
     both = [rows[i] + rows[j] for i, j in pairs]
     rows = np.where(np.isnan(scene.y), np.nan, np.array([*rows, *both]))
-    sums = next(filter_bank(b, rows, [len(scene.y)]))
+    sums = next(filter_bank(b, rows, [len(scene.y)], few=True))
     cross = [0.5 * (chi2 - sums.chi2[i] - sums.chi2[j])
              for chi2, (i, j) in zip(sums.chi2[len(rows) - len(pairs):], pairs)]
     return sums, np.array(cross)
