@@ -200,7 +200,7 @@ def shaping_filter(Phi, Gamma, H, Psi=0.0, m0=None, P0=None):
     return ShapingFilter(Phi, Gamma, H, np.atleast_1d(np.array(Psi, float)), m0, P0)
 
 
-def _sum_of(sigma_v, *processes):
+def sum_of(sigma_v, *processes):
     """Independent one-state processes in white noise; of each the transition factor,
     the standard deviation of w and the variance of x_0: numbers, or columns (M, 1).
     """
@@ -221,27 +221,27 @@ def _markov(dt, tau_m, sigma_m):
 
 def white_noise(dt, sigma_v):
     """White noise alone, Eq. (23) without a correlated part."""
-    return _sum_of(sigma_v, (0.0, 0.0, 0.0))
+    return sum_of(sigma_v, (0.0, 0.0, 0.0))
 
 
 def random_walk(dt, sigma_w, sigma_v=0.0):
     """Random walk from 0, Eq. (21); sigma_w per sample."""
-    return _sum_of(sigma_v, (1.0, sigma_w, 0.0))
+    return sum_of(sigma_v, (1.0, sigma_w, 0.0))
 
 
 def markov(dt, tau_m, sigma_m, sigma_v=0.0):
     """First-order Markov process in its steady state, Eq. (22)."""
-    return _sum_of(sigma_v, _markov(dt, tau_m, sigma_m))
+    return sum_of(sigma_v, _markov(dt, tau_m, sigma_m))
 
 
 def random_walk_markov(dt, sigma_w, tau_m, sigma_m, sigma_v=0.0):
     """Random walk plus first-order Markov process."""
-    return _sum_of(sigma_v, (1.0, sigma_w, 0.0), _markov(dt, tau_m, sigma_m))
+    return sum_of(sigma_v, (1.0, sigma_w, 0.0), _markov(dt, tau_m, sigma_m))
 
 
 def two_markov(dt, tau_m, sigma_m, tau_n, sigma_n, sigma_v=0.0):
     """Two first-order Markov processes."""
-    return _sum_of(sigma_v, _markov(dt, tau_m, sigma_m), _markov(dt, tau_n, sigma_n))
+    return sum_of(sigma_v, _markov(dt, tau_m, sigma_m), _markov(dt, tau_n, sigma_n))
 
 
 def rate_ramp(dt, slope, sigma_w=0.0, sigma_v=0.0):
@@ -314,6 +314,11 @@ class Hypothesis(NamedTuple):
         """Shaping filter at one value of the parameters."""
         return self.model(dt, **{p.symbol: value
                                  for p, value in zip(self.parameters, theta)})
+
+    @property
+    def elementwise(self):
+        """Does `filter` take columns of parameters, of all nodes at once, too?"""
+        return self.model in SUMS
 
 
 def hypothesis(model, name=None, bias_sigma=1.0, prior="uniform", **parameters):
@@ -1145,7 +1150,7 @@ class Bank(NamedTuple):
 
 def bank(h, dt, theta):
     """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
-    if getattr(h, "model", None) in SUMS:    # all nodes at once
+    if h.elementwise:
         filt = h.filter(dt, np.transpose(theta)[..., None])
         dimensions = 3, 3, 2, 1, 1, 2
         Phi, Gamma, H, Psi, m0, P0 = (

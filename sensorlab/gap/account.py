@@ -100,7 +100,7 @@ def _level_as_noise(scene, filt, change, half):
     return beside(filt, [1.0 - 2.0 * change], [half])
 
 
-LEVEL_AS_NOISE = Effect("level_as_noise", model=_level_as_noise)
+LEVEL_AS_NOISE = Effect("level_as_noise", model=_level_as_noise, elementwise=True)
 
 
 def gaussian(scene, acc):

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
-from sensorid import JIT, Parameter, ShapingFilter
+from sensorid import JIT, Parameter, ShapingFilter, sum_of
 from sensorlab.gap.effects import Effect, Jumps
 
 
@@ -87,42 +87,48 @@ def _followed(x, width):
     return behind
 
 
-# ---- models: (scene, filt, **parameters) gives a shaping filter
+# ---- models: (scene, filt, **parameters) gives a shaping filter; parameters are numbers,
+# or columns (M, 1) of as many nodes
 
 def beside(filt, a, sigma):
     """A shaping filter with Markov processes of factors a, standard deviations sigma
     added to its output.
     """
-    return join(filt, a, [s * np.sqrt(1.0 - f**2) for f, s in zip(a, sigma)], sigma)
+    return join(filt, *((f, s * np.sqrt(1.0 - f**2), s**2) for f, s in zip(a, sigma)))
 
 
-def join(filt, a, drive, initial):
-    """A shaping filter with one-state processes added to its output, of factors a and
-    standard deviations of their noise and of their initial value.
+def join(filt, *processes):
+    """A shaping filter with one-state processes added to its output; of each the
+    factor, the standard deviation of its noise and the variance of its initial value.
     """
-    return _with_block(filt, np.diag(a), np.diag(drive), np.ones(len(a)),
-                       np.diag(np.square(initial)))
+    return _added(filt, sum_of(0.0, *processes))
 
 
-def _with_block(filt, Phi, Gamma, H, P0):
+def _added(filt, other):
     """A shaping filter with the output of another, of zero expectation, added."""
-    return ShapingFilter(_blocks(filt.Phi[0], Phi)[None],
-                         _blocks(filt.Gamma[0], Gamma)[None],
-                         np.append(filt.H[0], H)[None], filt.Psi,
-                         np.append(filt.m0, np.zeros(len(H))), _blocks(filt.P0, P0))
+    return ShapingFilter(_blocks(filt.Phi, other.Phi), _blocks(filt.Gamma, other.Gamma),
+                         np.append(filt.H[0], other.H[0])[None], filt.Psi,
+                         np.append(filt.m0, other.m0), _blocks(filt.P0, other.P0))
 
 
 def _blocks(one, other):
-    """Two matrices as the blocks of one; that of SciPy takes longer than all else here.
-    """
-    n, m = one.shape
-    result = np.zeros((n + len(other), m + len(other[0])))
-    result[:n, :m], result[n:, m:] = one, other
+    """Matrices (..., n, m) and (..., k, l) as the blocks of one."""
+    n, m = one.shape[-2:]
+    result = np.zeros((*np.broadcast_shapes(one.shape[:-2], other.shape[:-2]),
+                       n + other.shape[-2], m + other.shape[-1]))
+    result[..., :n, :m], result[..., n:, m:] = one, other
     return result
 
 
+def _matrices(*rows):
+    """Matrices (1, n, m) of numbers, or (M, 1, n, m) of numbers and columns (M, 1)."""
+    shape = np.broadcast_shapes((1,), *(np.shape(v) for row in rows for v in row))
+    return np.stack([np.stack([np.broadcast_to(v, shape) for v in row], -1)
+                     for row in rows], -2)
+
+
 def _random_walk(scene, filt, sigma_w):
-    return join(filt, [1.0], [sigma_w], [0.0])
+    return join(filt, (1.0, sigma_w, 0.0))
 
 
 def _correlated_noise(scene, filt, tau, sigma):
@@ -148,8 +154,8 @@ def _bias_instability(scene, filt, sigma):
     taus = flicker_times(scene)
     decades = np.floor(max(np.log10(0.1 * scene.duration / scene.dt), 0.0)) + 1.0
     apart = np.log10(taus[0] / taus[1]) if len(taus) > 1 else 1.0
-    part = np.full(len(taus), np.sqrt(apart / decades))
-    return beside(filt, np.exp(-scene.dt / taus), sigma * part)
+    return beside(filt, np.exp(-scene.dt / taus),
+                  [np.sqrt(apart / decades) * sigma] * len(taus))
 
 
 NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at zero
@@ -159,23 +165,26 @@ def _bandwidth(scene, filt, tau, variant=""):
     """The white noise passes a low-pass of unit gain at rest, of first order or of
     second (Butterworth).
     """
-    rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[0]
+    rest, white = filt._replace(Psi=0.0 * filt.Psi), filt.Psi
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
-    decay = min(scene.dt / tau / np.sqrt(2.0), NO_MEMORY)
+    decay = np.minimum(scene.dt / tau / np.sqrt(2.0), NO_MEMORY)
     # poles beyond a fourth of a turn would let pass what is fast, and stop the rest
-    pole = np.exp(-decay + 1j * min(decay, 0.5 * np.pi))
+    pole = np.exp(-decay + 1j * np.minimum(decay, 0.5 * np.pi))
     first, second = 2.0 * pole.real, -abs(pole)**2
     gain = (1.0 - first - second) * white
     variance = (1.0 - second) * gain**2 / (
         (1.0 + second) * ((1.0 - second)**2 - first**2))
-    return _with_block(rest, [[first, second], [1.0, 0.0]], [[gain], [0.0]], [1.0, 0.0],
-                       variance * _correlated(first / (1.0 - second)))
+    both = variance * first / (1.0 - second)
+    return _added(rest, _pair([[first, second], [1.0, 0.0]], [[gain], [0.0]],
+                              [1.0, 0.0], [[variance, both], [both, variance]]))
 
 
-def _correlated(r):
-    return np.array([[1.0, r], [r, 1.0]])
+def _pair(Phi, Gamma, H, P0):
+    """A shaping filter of two states."""
+    return ShapingFilter(_matrices(*Phi), _matrices(*Gamma), np.array([H]), np.zeros(1),
+                         np.zeros(2), _matrices(*P0)[..., 0, :, :])
 
 
 MIN_TURN = 2.0    # radians in the correlation time of a band: with fewer its width is
@@ -188,29 +197,28 @@ def _narrow_band(scene, filt, frequency, tau, sigma):
     """
     sigma = sigma * (2.0 * np.pi * frequency * tau >= MIN_TURN)
     turn, a = 2.0 * np.pi * frequency * scene.dt, np.exp(-scene.dt / tau)
-    c, s = a * np.cos(turn), a * np.sin(turn)
-    return _with_block(filt, [[c, -s], [s, c]],
-                       sigma * np.sqrt(1.0 - a**2) * np.eye(2), [1.0, 0.0],
-                       sigma**2 * np.eye(2))
+    c, s, drive = a * np.cos(turn), a * np.sin(turn), sigma * np.sqrt(1.0 - a**2)
+    return _added(filt, _pair([[c, -s], [s, c]], [[drive, 0.0], [0.0, drive]],
+                              [1.0, 0.0], [[sigma**2, 0.0], [0.0, sigma**2]]))
 
 
 def _blue_noise(scene, filt, tau, sigma):
     """A Markov process less what it was a sample before: white noise through a
     first-order high-pass.
     """
-    a = np.exp(-min(scene.dt / tau, NO_MEMORY))
-    difference = sigma / np.sqrt(2.0 * (1.0 - a))
-    return _with_block(filt, [[a, 0.0], [1.0, 0.0]], [[np.sqrt(1.0 - a**2)], [0.0]],
-                       [difference, -difference], _correlated(a))
+    a = np.exp(-np.minimum(scene.dt / tau, NO_MEMORY))
+    variance = sigma**2 / (2.0 * (1.0 - a))
+    return _added(filt, _pair(
+        [[a, 0.0], [1.0, 0.0]], [[np.sqrt((1.0 - a**2) * variance)], [0.0]],
+        [1.0, -1.0], [[variance, a * variance], [a * variance, variance]]))
 
 
 def _noise_step(scene, filt, onset, ratio):
     first = np.searchsorted(scene.time, onset)
-    if first == len(scene.y):
+    if np.all(first == len(scene.y)):
         return filt
-    Psi = filt.Psi * np.ones(len(scene.y))
-    Psi[first:] *= ratio
-    return filt._replace(Psi=Psi)
+    return filt._replace(Psi=filt.Psi * np.where(
+        np.arange(len(scene.y)) < first, 1.0, ratio))
 
 
 def _rounding(scene, filt, lsb):
@@ -415,26 +423,26 @@ CATALOGUE = {effect.name: effect for effect in (
                     "play (max x - min x) behind; play without unit, size in u",
            resembles="thermal lag, scale factor, random telegraph",
            experiment="drive that quantity up and down at different speed"),
-    Effect("random_walk", model=_random_walk,
+    Effect("random_walk", model=_random_walk, elementwise=True,
            parameters=lambda s: (_log("sigma_w", s.white / len(s.y),
                                       _spread(s) / np.sqrt(len(s.y)) * 10.0),),
            equation="y + w, w the sum of white noises of standard deviation sigma_w, "
                     "in u per sample",
            resembles="rate ramp, correlated noise of long time, bias instability",
            experiment="record longer"),
-    Effect("correlated_noise", model=_correlated_noise,
+    Effect("correlated_noise", model=_correlated_noise, elementwise=True,
            parameters=lambda s: (_log("tau", 1.5 * s.dt, s.duration / 10),
                                  _log("sigma", 0.03 * s.white, _spread(s))),
            equation="y + m, dm/dt = -m / tau + white noise, standard deviation of m "
                     "sigma; tau in s, sigma in u",
            resembles="bias instability, random telegraph, random walk",
            experiment="record longer, sample faster"),
-    Effect("bias_instability", model=_bias_instability,
+    Effect("bias_instability", model=_bias_instability, elementwise=True,
            parameters=lambda s: (_log("sigma", 0.01 * s.white, _spread(s)),),
            equation="y + Markov processes, tau evenly in log from dt to T / 10, "
                     "together of standard deviation sigma, in u",
            resembles="correlated noise, random walk", experiment="record longer"),
-    Effect("narrow_band_noise", model=_narrow_band, search="band",
+    Effect("narrow_band_noise", model=_narrow_band, elementwise=True, search="band",
            parameters=lambda s: (Parameter("frequency", MIN_CYCLES / s.duration,
                                            0.5 / s.dt),
                                  _log("tau", 2.0 * s.dt, s.duration / 10),
@@ -444,20 +452,20 @@ CATALOGUE = {effect.name: effect for effect in (
                     "in Hz, tau in s, sigma in u",
            resembles="sinusoid where tau is long, correlated noise where it is short",
            experiment="damp vibration; an alias moves with the sampling rate"),
-    Effect("bandwidth", model=_bandwidth, search="spectrum",
+    Effect("bandwidth", model=_bandwidth, elementwise=True, search="spectrum",
            variants=("first order", "second order"),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
            equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
                     "+ sqrt(2) tau dV/dt = v - V; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
-    Effect("blue_noise", model=_blue_noise, search="spectrum",
+    Effect("blue_noise", model=_blue_noise, elementwise=True, search="spectrum",
            parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),
                                  _log("sigma", 0.03 * s.white, _spread(s))),
            equation="y + w - W, tau dW/dt = w - W, w white noise, standard deviation "
                     "of w - W sigma; tau in s, sigma in u",
            resembles="quantization of the angle, white noise that is low-passed",
            experiment="integrate: the angle has white noise"),
-    Effect("noise_step", model=_noise_step, search="onset",
+    Effect("noise_step", model=_noise_step, elementwise=True, search="onset",
            parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 0.1, 10.0)),
            equation="the white noise becomes ratio times as strong from t = onset "
                     "on; onset in s",
@@ -477,7 +485,7 @@ CATALOGUE = {effect.name: effect for effect in (
                     "dwell in s, size in u",
            resembles="correlated noise",
            experiment="average less white noise away: two levels show in a histogram"),
-    Effect("quantization", reading=quantize, model=_rounding,
+    Effect("quantization", reading=quantize, model=_rounding, elementwise=True,
            equation="lsb round(y / lsb); lsb in u",
            resembles="white noise",
            experiment="widen the word length, raise the gain"),

@@ -70,6 +70,7 @@ class Effect(NamedTuple):
     model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
                                 # takes the variant, where there are variants
     variants: tuple = ()        # forms of a model; "" is the first
+    elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
     jumps: Callable = None      # (dt, **parameters) -> Jumps
     reading: Callable = None    # (scene, y, **values) alters values y (..., N) in place
     factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
@@ -177,15 +178,22 @@ class Member(NamedTuple):
         return theta
 
     def filter(self, dt, theta):
-        """Shaping filter at one value of the parameters."""
-        theta = self.in_units(theta)
-        filt = self.hypothesis.filter(dt, theta[:len(self.hypothesis.parameters)])
+        """Shaping filter at one value of the parameters, or at all nodes (p, M, 1)."""
+        theta = iter(np.moveaxis(self.in_units(np.moveaxis(theta, 0, -1)), -1, 0))
+        filt = self.hypothesis.filter(dt, [next(theta) for _ in
+                                           self.hypothesis.parameters])
         for one in self.effects:
+            own = {symbol: next(theta) for symbol in one.values}
             if one.effect.model:
                 form = dict(variant=one.variant) if one.effect.variants else {}
-                filt = one.effect.model(self.scene, filt, **form,
-                                        **self.of(one, theta))
+                filt = one.effect.model(self.scene, filt, **form, **own)
         return filt
+
+    @property
+    def elementwise(self):
+        """Does `filter` take all nodes at once?"""
+        return self.hypothesis.elementwise and all(
+            one.effect.elementwise for one in self.effects if one.effect.model)
 
     def jumps(self, theta):
         """`Jumps` at theta (M, p), each part (M,)."""
