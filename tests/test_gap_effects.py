@@ -158,3 +158,24 @@ def test_simulated_noises_have_the_variance_that_is_written():
         ("stuck", dict(spans=[[100.0, 20]])))))
     assert y.min() == -1.0 and y.max() == 2.0 and len(np.unique(y)) <= 13
     assert (y[100:120] == y[100]).all()
+
+
+@pytest.mark.parametrize("name, variant", [
+    (e.name, v) for e in CATALOGUE.values() if e.model and not e.reading
+    for v in e.variants or ("",)])
+def test_a_bank_with_effects_is_that_of_its_filters(name, variant):
+    scene = Scene(np.sin(np.arange(200.0)), DT, {})
+    h = sensorid.hypothesis("markov", tau_m=(1.0, 100.0), sigma_m=(0.1, 1.0),
+                            sigma_v=(0.5, 2.0))
+    m = member(scene, h).with_effect(CATALOGUE[name], variant).with_effect(
+        CATALOGUE["bias_instability" if name != "bias_instability"
+                  else "correlated_noise"])
+    theta = sensorid.at_quantiles(m.parameters, np.random.default_rng(1).random(
+        (7, len(m.parameters))))
+    assert m.elementwise
+    b = sensorid.bank(m, DT, theta)
+    for node, row in enumerate(theta):
+        one = sensorid.shaping_filter(*m.filter(DT, row))
+        for part, expected in zip(b, (one.Phi, one.Gamma @ one.Gamma.swapaxes(1, 2),
+                                      one.H, one.Psi**2, one.m0, one.P0)):
+            assert_allclose(part[node], expected, rtol=1e-12)

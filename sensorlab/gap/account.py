@@ -10,6 +10,7 @@ from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, onset_law
 from sensorlab.gap.filters import log_likelihoods, predict, solve
+from sensorlab.gap.spectra import posterior_law
 
 
 class Account(NamedTuple):
@@ -46,8 +47,8 @@ def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None
             floor=-np.inf):
     """Fit of all hypotheses to a scene, with equal prior probabilities.
 
-    `past` is an account of hypotheses with fewer parameters, if there is one; `floor`
-    as for `integrate`.
+    `past` is another account of about the same record, if there is one; `floor` as for
+    `integrate`.
     """
     hypotheses = bases if hypotheses is None else hypotheses
 
@@ -58,7 +59,8 @@ def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None
     for number in np.argsort(past_evidence, kind="stable")[::-1]:
         h = hypotheses[number]
         samples[number] = integrate(
-            likelihood_of(h), h.parameters, guess_from(past, number),
+            likelihood_of(h), h.parameters,
+            guesses_from(past, number, h, scene, signatures) if past else (),
             onset_law(h, scene, signatures), max(floor, evidence.max()),
             effort=effort(scene))
         evidence[number] = samples[number].log_evidence[0]
@@ -78,11 +80,33 @@ def central(sample, log_likelihood):
     return sample.theta[ll.argmax()]
 
 
-def guess_from(past, number):
-    """Mean and covariance of a hypothesis in the coordinates of `integrate`."""
-    if past is None or not free_columns(past.hypotheses[number].parameters):
-        return None
-    return past.samples[number].law
+def guesses_from(past, number, h, scene, signatures):
+    """Pairs of mean and covariance that the free parameters of a hypothesis, or the
+    first of them, may have in the coordinates of `integrate`.
+    """
+    other, sample = past.hypotheses[number], past.samples[number]
+    own, before = free_columns(h.parameters), free_columns(other.parameters)
+    if not own or not before and h.is_patchy:
+        return ()
+    mean, cov = sample.law if before else (np.zeros(0), np.zeros((0, 0)))
+    same = {h.keys[c]: axis for axis, key in enumerate(other.keys[b] for b in before)
+            for c in own if h.keys[c] == key and _is_same(
+                h.parameters[c], other.parameters[before[axis]])}
+    axes = [same.get(h.keys[c]) for c in own]
+    first = axes[:axes.index(None) if None in axes else None]
+    result = [(mean[first], cov[np.ix_(first, first)])] if first else []
+    if h.is_patchy or axes == [*range(len(mean))] and len(
+            signatures) == len(past.signatures):
+        return result
+    # where what is new is weak, all else is as it was; where not, its spectrum tells
+    return [*result, posterior_law(
+        h, scene, signatures, other, sample.theta[sample.log_likelihood[:, 0].argmax()],
+        {key: mean[axis] for key, axis in same.items()})]
+
+
+def _is_same(p, q):
+    """Are two priors one, so that their coordinates are?"""
+    return p is q or type(p) is type(q) is Parameter and p == q
 
 
 def mean_evidence(log_evidence):

@@ -87,8 +87,8 @@ def _followed(x, width):
     return behind
 
 
-# ---- models: (scene, filt, **parameters) gives a shaping filter; parameters are numbers,
-# or columns (M, 1) of as many nodes
+# ---- models: (scene, filt, **parameters) gives a shaping filter; the parameters are
+# numbers, or columns (M, 1) of as many nodes
 
 def beside(filt, a, sigma):
     """A shaping filter with Markov processes of factors a, standard deviations sigma

@@ -312,7 +312,8 @@ def without(full, acc, found, number):
         key = one.name if one.effect.reading else _inside(acc, found, number).key
         hypotheses = [h._replace(effects=tuple(
             e for e in h.effects if e.key != key)) for h in hypotheses]
-    return account(as_read(full, readings), acc.bases, hypotheses, signatures, readings)
+    return account(as_read(full, readings), acc.bases, hypotheses, signatures, readings,
+                   acc)
 
 
 MOST_STATES = 6    # of a shaping filter
@@ -344,7 +345,7 @@ def _with_wrong_parameters(scene, acc, effect):
         if not any(pushed for _, pushed in widened):
             continue
         wide = account(scene, acc.bases, [h for h, _ in widened], acc.signatures,
-                       acc.readings)
+                       acc.readings, acc)
         yield _Rival(effect, symbol, _log_bayes(wide, acc), account=wide,
                      values=dict(parameter=(symbol, 0.0),
                                  factor=_factor(symbol, acc.hypotheses, wide)))

@@ -213,6 +213,12 @@ class Member(NamedTuple):
         return [(one.key, next(iter(one.values))) for one in self.effects
                 if one.effect.search == "onset"]
 
+    @property
+    def is_patchy(self):
+        """Is it no stationary Gaussian process, which its spectrum would tell?"""
+        return self.has_jumps or any(
+            p.free for key, p in zip(self.keys, self.parameters) if key in self.onsets)
+
     def fixed(self, known):
         """The same with parameters of its effects fixed, by key."""
         return self._replace(effects=tuple(

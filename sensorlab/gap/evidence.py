@@ -122,7 +122,7 @@ def _log_normal(x):
     return -0.5 * (x * x).sum(1) - 0.5 * x.shape[1] * LOG_2PI
 
 
-def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
+def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
               seed=0, effort=1.0):
     """Evidence and posterior sample by adaptive multiple importance sampling.
 
@@ -132,8 +132,8 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         Gives (M, E): log-likelihoods of E rival explanations, whose sum is sampled.
     parameters : tuple of Parameter
         One with a `log_ratio` is drawn from another law than its prior.
-    guess : (k,) and (k, k) array, optional
-        Mean and covariance that the first k free parameters may have, in the
+    guesses : sequence of (k,) and (k, k) array, optional
+        Means and covariances that the first k free parameters may have, in the
         coordinates where the prior is standard normal.
     move : function of theta (M, p), optional
         Gives theta mapped to where the mass is, and the log of the prior density there
@@ -173,16 +173,16 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
                       one.log_likelihood[0])
     rng = np.random.default_rng(seed)
     few, enough = round(effort * ROUND), effort * ENOUGH_POINTS
-    x, proposals = _first_points(d, guess, few, rng)
+    x, proposals = _first_points(d, guesses, few, rng)
     points, modes, missed = located(x), [], True
     for attempt in range(MAX_ROUNDS):
         log_weight = points.log_weight(proposals)
         effective = 1.0 / np.sum(normalized(points.total + log_weight)**2)
         found = effective >= 5.0 * (d + 1)
         below = floor - logsumexp(points.total + log_weight)
-        if effective >= enough or found and below > HOPELESS_NATS or (
-                below > 3.0 * HOPELESS_NATS
-                and (effective >= 2.0 * (d + 1) or attempt > CLIMB_AFTER + 1)):
+        hopeless = below > HOPELESS_NATS and effective >= 2.0 * (d + 1) or (
+            below > 3.0 * HOPELESS_NATS and attempt > CLIMB_AFTER + 1)
+        if effective >= enough or hopeless:
             break
         if attempt in (CLIMB_AFTER, CLIMB_AFTER + 1) and missed and not found:
             start, height = _highest(points, modes)
@@ -200,22 +200,23 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         points.log_likelihood + log_weight[:, None], axis=0))
 
 
-def _first_points(d, guess, few, rng):
-    """Points of a Latin hypercube of the prior, and of a guess if there is one; the
+def _first_points(d, guesses, few, rng):
+    """Points of a Latin hypercube of the prior, and of guesses if there are any; the
     proposals that they come from.
     """
     # few of the prior where a whole guess may do better
-    count = ROUND if guess is None else few if len(guess[0]) < d else few // 4
-    x = ndtri(LatinHypercube(d, rng=rng).random(count))
+    count = (ROUND if not guesses else
+             few if all(len(mean) < d for mean, _ in guesses) else few // 4)
+    x = [ndtri(LatinHypercube(d, rng=rng).random(count))]
     proposals = [(count, _log_normal)]
-    if guess is not None:
-        k = len(guess[0])
+    for own, own_cov in guesses:
+        k = len(own)
         mean, cov = np.zeros(d), np.eye(d)
-        mean[:k], cov[:k, :k] = guess
+        mean[:k], cov[:k, :k] = own, own_cov
         more, density = _drawn(mean, cov, few, rng)
-        x = np.vstack([x, more])
+        x.append(more)
         proposals.append((few, density))
-    return x, proposals
+    return np.vstack(x), proposals
 
 
 def _drawn(mean, cov, count, rng):

@@ -1,19 +1,22 @@
-"""The spectrum of residuals: what a further process would gain by Whittle's likelihood.
+"""The spectrum of residuals: what another member would gain by Whittle's likelihood.
 
-It tells whether a process is worth a filter, and where the frequency of a band is to be
-drawn, which is known to a thousandth of its prior or better.
+It tells whether a process is worth a filter, where the frequency of a band is to be
+drawn, which is known to a thousandth of its prior or better, and where about the
+posterior of a member is, so that few nodes of the filter are needed to know it.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtr, ndtri
+from scipy.stats.qmc import LatinHypercube
 
-from sensorid import at_quantiles, brief
+from sensorid import at_quantiles, brief, free_columns
 from sensorlab.gap.catalogue import MIN_TURN
+from sensorlab.gap.evidence import climb
 from sensorlab.gap.filters import predict, processes
-from sensorlab.gap.kernels import KERNEL, in_threads
+from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
 
 
 class Sought(NamedTuple):
@@ -54,7 +57,7 @@ class Spectrum(NamedTuple):
     """Residuals of a member, and the member itself, by frequency."""
 
     frequency: np.ndarray    # (F,) Hz
-    power: np.ndarray        # (F,) of the normal scores, of mean 1
+    power: np.ndarray        # (F,) of the normal scores; of the member, its mean is 1
     density: np.ndarray      # (F,) of the member: that of white noise is its variance
     count: np.ndarray        # (F,) frequencies that each stands for
 
@@ -63,12 +66,11 @@ class Spectrum(NamedTuple):
 
 def residual_spectrum(h, scene, signatures, theta):
     """`Spectrum` of a member at theta (p,)."""
-    z = np.nan_to_num(predict(h, scene, signatures, theta[None]).z[0, 0])
+    z = predict(h, scene, signatures, theta[None]).z[0, 0]
     inside = slice(1, (len(z) + 1) // 2)    # both ends have one degree of freedom only
     frequency = np.fft.rfftfreq(len(z), scene.dt)[inside]
-    power = np.abs(np.fft.rfft(z)[inside])**2
-    return Spectrum(frequency, power / power.mean(),
-                    _densities(h, scene, theta[None], frequency)[0],
+    power = np.abs(np.fft.rfft(np.nan_to_num(z))[inside])**2 / np.sum(~np.isnan(z))
+    return Spectrum(frequency, power, _densities(h, scene, theta[None], frequency)[0],
                     np.ones(len(power)))
 
 
@@ -86,6 +88,7 @@ def promise(h, richer, scene, signatures, theta):
     theta (p,) but for its scale.
     """
     seen = residual_spectrum(h, scene, signatures, theta)
+    seen = seen._replace(power=seen.power / seen.power.mean())
     if richer.effects[-1].effect.search == "band":
         return _with_law(richer, scene, seen)
     return richer, _log_bayes(richer, scene, _binned(seen), theta)
@@ -96,9 +99,15 @@ NODES = 24     # of the only parameter of a process
 NODES_OF_TWO = 9    # of each of two
 
 
-def _binned(seen):
-    """The spectrum by bins of even width on a logarithmic axis."""
-    ends = np.unique(np.geomspace(1, len(seen.power) + 1, BINS + 1).astype(int)) - 1
+def _binned(seen, bands=()):
+    """The spectrum by bins of even width on a logarithmic axis, and about frequencies
+    of bands by bins that are finer the nearer they are.
+    """
+    last, step = len(seen.power) + 1, seen.frequency[0]
+    away = np.geomspace(1, last, BINS // 2)
+    ends = np.concatenate([np.geomspace(1, last, BINS + 1), *(
+        f / step + sign * away for f in bands for sign in (-1.0, 1.0))])
+    ends = np.unique(np.clip(ends, 1, last).astype(int)) - 1
     count = np.diff(ends)
     return Spectrum(*(np.add.reduceat(part, ends[:-1]) / count for part in seen[:3]),
                     count)
@@ -186,3 +195,60 @@ def _gain_bands(first, last, power, density, shape, middles, variance, gain):
                     log_ratio += np.log(product)
                     product = 1.0
             gain[j, v] = -F * np.log(1.0 - less / F) - log_ratio - np.log(product)
+
+
+CANDIDATES = 512    # nodes of the new parameters of which the best are climbed from
+CLIMBED = 3         # of these
+
+
+def posterior_law(h, scene, signatures, other, theta, known):
+    """Mean (d,) and covariance (d, d), in the coordinates of `integrate`, of about the
+    posterior of a member, by Whittle's likelihood.
+
+    Another member has its posterior about theta (p,): what it leaves of the record is
+    white there, so that nothing leaks from one frequency to the next. `known` are these
+    coordinates of parameters by key, from which the search starts.
+    """
+    keys = [h.keys[c] for c in free_columns(h.parameters)]
+    new = [axis for axis, key in enumerate(keys) if key not in known]
+    starts = np.tile([known.get(key, 0.0) for key in keys], (CANDIDATES, 1))
+    starts[:, new] = ndtri(LatinHypercube(max(len(new), 1), rng=0).random(CANDIDATES))[
+        :, :len(new)]
+    seen = _binned(residual_spectrum(other, scene, signatures, theta), [
+        _middle(one.values["frequency"], known.get((one.key, "frequency")))
+        for one in h.effects if one.effect.search == "band"])
+    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * seen.frequency * scene.dt)
+
+    def log_posterior(x):
+        theta, gain = at_quantiles(h.parameters, ndtr(x)), np.empty(len(x))
+        own = processes(h, scene, theta)
+        in_threads(_whittle, len(x), own.a, own.q, own.r.mean(1), turn, *seen[1:], gain)
+        for column, p in enumerate(h.parameters):
+            if isinstance(p, Sought):
+                gain += p.log_ratio(theta[:, column])
+        return gain - 0.5 * (x**2).sum(1)
+
+    height, modes = log_posterior(starts), []
+    for _ in range(CLIMBED if new else 1):
+        modes.append(climb(log_posterior, starts[height.argmax()]))
+        height[((starts - starts[height.argmax()])**2).sum(1) < 1.0] = -np.inf
+    return modes[int(np.argmax([log_posterior(x[None])[0] for x, _ in modes]))]
+
+
+def _middle(frequency, x):
+    """Where a band is looked for, Hz: where it is known to be, or most probable."""
+    if x is not None or not isinstance(frequency, Sought):
+        return frequency.quantile(ndtr(x or 0.0))
+    part = (frequency.mass.argmax() + 0.5) / len(frequency.mass)
+    return frequency.low + part * (frequency.high - frequency.low)
+
+
+@njit(**KERNEL)
+def _whittle(first, last, a, q, r, turn, power, density, count, gain):
+    """Whittle's likelihoods of nodes, for residuals of a member of this density."""
+    for m in range(first, last):
+        total = 0.0
+        for k in range(len(turn)):
+            ratio = (r[m] + spectrum(a[m], q[m], turn[k])) / density[k]
+            total -= count[k] * (power[k] / ratio + np.log(ratio))
+        gain[m] = total
