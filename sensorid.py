@@ -758,6 +758,8 @@ LANES = 32     # trials that march abreast
 GROUP = 32     # nodes that march abreast
 TILE = 128     # samples; a TILE x LANES tile of data (32 KiB) stays in the L1 cache
 STRETCH = 32   # samples of which the gains of n-state filters stay there
+DUST = 1e-100  # states so small are 0: arithmetic with numbers below 1e-308, to which
+               # they decay where a record is 0 for long, takes 40 times as long
 
 
 class Sums(NamedTuple):
@@ -834,6 +836,9 @@ def _trials_abreast(y, a, ak, w, c, g, state):
             state[t] = a * state[t] + ak[i, g] * nu
             state[t + LANES] += nu * w[i, g] * nu
             state[t + 2 * LANES] += nu * c[i, g]
+    for t in range(LANES):
+        if abs(state[t]) < DUST:
+            state[t] = 0.0
 
 
 @njit(parallel=True, **JIT)
@@ -841,7 +846,8 @@ def _advance_trials(y, observed, node, memory, state):
     """Move a one-state bank on by one stretch of data, trials abreast.
 
     y (blocks, n * LANES) sample-major within a block; node, memory (groups, 4, GROUP)
-    as in `_gains`; state (groups, GROUP, blocks, 3 * LANES).
+    as in `_gains`; state (groups, size, blocks, 3 * LANES) of the first `size` nodes of
+    each group, which alone are wanted.
     """
     n = len(observed)
     for group in prange(len(node)):
@@ -852,7 +858,7 @@ def _advance_trials(y, observed, node, memory, state):
             _gains(observed[first:last], node[group], memory[group], ak, w, c)
             for block in range(len(y)):
                 tile = y[block, first * LANES:last * LANES]
-                for g in range(GROUP):
+                for g in range(state.shape[1]):
                     _trials_abreast(tile, node[group, 0, g], ak, w, c, g,
                                     state[group, g, block])
 
@@ -1135,6 +1141,12 @@ def _advance_modal(y, observed, first, a, q, r, P, x, sums):
                 for g in range(GROUP):
                     sums[group, columns - 1, 1, g] += np.log(product[g])
                     product[g] = 1.0
+            if i % TILE == TILE - 1:
+                for record in range(columns):
+                    for s in range(n):
+                        for g in range(GROUP):
+                            if abs(x[group, record, s, g]) < DUST:
+                                x[group, record, s, g] = 0.0
 
 
 class Bank(NamedTuple):
@@ -1220,12 +1232,13 @@ def filter_bank(b, y, stops, few=False):
     array([[5.]])
     """
     y = as_samples(y)
-    gap = np.isnan(y)
-    if (gap != gap[0]).any():
+    gap = np.isnan(y[:1])
+    if any((np.isnan(one) != gap[0]).any() for one in y):
         raise ValueError("samples are missing in some records only: filter these apart")
     if np.any(np.diff(stops) <= 0) or not 1 <= stops[0] <= stops[-1] <= y.shape[1]:
         raise ValueError(f"stops {list(stops)} do not increase within 1..{y.shape[1]}")
-    return _sums(b, np.where(gap, 0.0, y), 1.0 - gap[0], stops, few)
+    return _sums(b, np.where(gap, 0.0, y) if gap[0].any() else y, 1.0 - gap[0], stops,
+                 few)
 
 
 def _sums(b, y, observed, stops, few):
@@ -1290,11 +1303,14 @@ def _told(nodes, y, sums, advance, stretches):
         yield own[:, :-1, 0].T, own[:, :-1, 1].T, own[:, -1, 0], own[:, -1, 1]
 
 
-def _scalar_nodes(b):
-    """node and memory of the one-state kernels, padded to whole groups."""
-    a, q, r, p0 = (
-        np.pad(part.ravel(), (0, -part.size % GROUP), mode="edge").reshape(-1, GROUP)
-        for part in (b.Phi, b.Q, b.r, b.P0))
+def _scalar_nodes(b, size=GROUP):
+    """node and memory of the one-state kernels: of so many nodes each, padded to whole
+    groups.
+    """
+    M = len(b.r)
+    at = np.minimum(np.arange(-(-M // size) * size), M - 1).reshape(-1, size)
+    at = np.pad(at, ((0, 0), (0, GROUP - size)), mode="edge")
+    a, q, r, p0 = (part.ravel()[at] for part in (b.Phi, b.Q, b.r, b.P0))
     zero = np.zeros_like(a)
     return np.stack([a, q, r, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero], 1)
 
@@ -1310,20 +1326,27 @@ def _sums_record(b, y, observed, stretches):
                *(part.ravel()[:len(b.r)] for part in (memory[:, 2], memory[:, 3])))
 
 
+PIECE = 128 * TILE    # samples whose lanes are laid side by side at a time
+
+
 def _sums_trials(b, y, observed, stretches):
-    node, memory = _scalar_nodes(b)
+    size = min(GROUP, -(-len(b.r) // 2))    # of few nodes every thread has a part
+    node, memory = _scalar_nodes(b, size)
     records, blocks = len(y), -(-len(y) // LANES)
-    y = np.pad(y, ((0, -records % LANES), (0, 0))).reshape(blocks, LANES, -1)
-    # the lanes of a sample lie side by side
-    y = np.ascontiguousarray(y.swapaxes(1, 2))
-    state = np.zeros((len(node), GROUP, blocks, 3, LANES))
+    state = np.zeros((len(node), size, blocks, 3, LANES))
     for begin, end, _ in stretches:
-        stretch = np.ascontiguousarray(y[:, begin:end]).reshape(blocks, -1)
-        _advance_trials(stretch, observed[begin:end],
-                        node, memory, state.reshape(len(node), GROUP, blocks, -1))
+        for first in range(begin, end, PIECE):
+            last = min(first + PIECE, end)
+            # the lanes of a sample lie side by side
+            lanes = np.zeros((blocks, last - first, LANES))
+            for block in range(blocks):
+                own = y[block * LANES:(block + 1) * LANES, first:last]
+                lanes[block, :, :len(own)] = own.T
+            _advance_trials(lanes.reshape(blocks, -1), observed[first:last], node,
+                            memory, state.reshape(len(node), size, blocks, -1))
         yield (*(state[:, :, :, part].reshape(-1, blocks * LANES)[:len(b.r), :records].T
                  for part in (1, 2)),
-               *(part.ravel()[:len(b.r)] for part in (memory[:, 2], memory[:, 3])))
+               *(memory[:, part, :size].ravel()[:len(b.r)] for part in (2, 3)))
 
 
 # ---- 4. Posterior ---------------------------------- paper Sec. 2, Eqs. (3), (10)-(14)

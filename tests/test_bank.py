@@ -237,3 +237,22 @@ def test_a_copied_module_waits_passively_unless_told_otherwise(tmp_path, own, ex
                            "print(os.environ['OMP_WAIT_POLICY'])"], cwd=tmp_path,
                           env={**env, **own}, capture_output=True, text=True)
     assert done.stdout.strip() == expected, done.stderr
+
+
+def test_states_end_at_zero_where_a_record_does():
+    # 0.9^2560 is 1e-117: on the way to what processors are slow with
+    a, n = 0.9, 20 * s.TILE
+    y = np.zeros((1, n, s.LANES))
+    y[0, 0] = 1.0
+    node = np.zeros((1, 4, s.GROUP))
+    node[0, 0], node[0, 2] = a, 1.0
+    state = np.zeros((1, 1, 1, 3 * s.LANES))
+    state[..., :s.LANES] = 1.0
+    s._advance_trials(y.reshape(1, -1), np.ones(n), node, np.zeros((1, 4, s.GROUP)),
+                      state)
+    assert not state[..., :s.LANES].any()
+    x = np.ones((1, 2, 1, s.GROUP))
+    part = np.zeros((1, 1, s.GROUP))
+    s._advance_modal(np.zeros((2, n)), np.ones(n), 0, part + a, part, part[:1] + 1.0,
+                     np.zeros((1, 1, 1, s.GROUP)), x, np.zeros((1, 2, 2, s.GROUP)))
+    assert not x.any()

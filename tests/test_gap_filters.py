@@ -3,14 +3,16 @@
 import itertools
 
 import generator
+import naive
 import numpy as np
-from conftest import DT, dense, member
-from numpy.testing import assert_allclose
+from conftest import DT, MODEL, dense, member, paper_case
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal, norm
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import filters, kernels, scans, signatures
+from sensorlab.gap.catalogue import join
 
 
 def test_severity_is_that_of_the_dense_covariance():
@@ -39,6 +41,26 @@ def test_signatures_in_the_bank_and_in_the_mixture_filter_say_the_same(short):
                     rtol=1e-9)
     assert_allclose(filters.predict(h, scene, (found,), theta).log_likelihood,
                     expected, rtol=1e-9)
+
+
+def test_plain_filters_are_the_mixture_filters_without_jumps(short):
+    scene, _, _, _, seen = short
+    h = member(scene, paper_case(3)[1], "noise_step")
+    theta = np.array([[300.0, 0.9, 0.4, 80.3, 2.0], [90.0, 0.5, 0.7, 120.0, 0.3]])
+    found = filters.Signature(Found(CATALOGUE["sinusoid"]), np.column_stack(
+        [np.cos(0.3 * scene.time), np.sin(0.3 * scene.time)]), 2.0)
+    y = scene.y + np.random.default_rng(2).standard_normal((11, 200))    # same gaps
+    plain = filters.predict(h, scene, (found,), theta, y)
+    y[3, 150] = np.nan                            # no longer
+    mixed = filters.predict(h, scene, (found,), theta, y)
+    same, until = np.arange(11) != 3, np.s_[3, :, :150]
+    assert_allclose(plain.log_likelihood[same], mixed.log_likelihood[same], rtol=1e-12)
+    for one, other in ((plain.z, mixed.z), (plain.log_score, mixed.log_score)):
+        assert_allclose(one[same], other[same], rtol=1e-9, atol=1e-9)
+        assert_allclose(one[until], other[until], rtol=1e-9, atol=1e-9)
+    assert np.array_equal(np.isnan(plain.z[0, 0]), ~seen)
+    assert_allclose(filters.filtered(h, scene, (found,), theta, y[:3]),
+                    plain.log_likelihood[:3], rtol=1e-12)
 
 
 def test_outliers_in_white_noise_are_an_independent_mixture():
@@ -73,24 +95,49 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
     assert_allclose(p.log_likelihood[0, 0], np.log(total), rtol=1e-10)
 
 
-def test_halves_of_a_process_say_the_same_in_complex_numbers():
+def test_processes_of_two_states_are_those_of_the_dense_gaussian():
+    y = np.random.default_rng(2).standard_normal(60)
+    y[20:25] = np.nan
+    scene = Scene(y, DT, {})
+    h = member(scene, MODEL[1], "narrow_band_noise").with_effect(
+        CATALOGUE["bandwidth"], "second order")
+    theta = np.array([p.mean for p in h.parameters])[None]
+    f, seen = h.filter(DT, theta[0]), ~np.isnan(y)
+    C = h.bias_sigma**2 + naive.covariance(f.Phi[0], f.Gamma[0], f.H,
+                                           f.Psi * np.ones((60, 1)), f.P0, 60)
+    C, y = C[np.ix_(seen, seen)], y[seen]
+    expected = multivariate_normal(cov=C).logpdf(y)
+    assert_allclose(filters.predict(h, scene, (), theta).log_likelihood, expected,
+                    rtol=1e-9)
+    assert_allclose(filters.log_likelihoods(h, scene, (), theta), expected, rtol=1e-9)
+    assert_allclose(filters.solve(h, scene, (), theta).residual[0, seen],
+                    np.linalg.solve(C, y), rtol=1e-7, atol=1e-9)
+
+
+def test_the_axes_of_a_process_of_two_states_do_not_matter():
     y = np.random.default_rng(2).standard_normal((2, 60))
     y[:, 20:25] = np.nan
-    r, H = np.array([[0.3], [0.2]]), np.ones((60, 2))
-    outlier, jump = np.array([[0.05, 9.0]] * 2), np.array([[0.1, 0.7]] * 2)
-    whole = np.array([[[0.9, 1.0], [0.8, 1.0]], [[0.19, 0.0], [0.36, 0.0]],
-                      [[1.0, 4.0], [1.0, 4.0]]])
-    parts = np.insert(whole, 0, whole[:, :, 0], axis=2).astype(complex)
-    parts[1:, :, :2] *= [0.5 + 0.2j, 0.5 - 0.2j]    # two of indefinite covariance
+    r, outlier = np.array([[0.3], [0.2]]), np.array([[0.05, 9.0]] * 2)
+    jump = np.array([[0.1, 0.7]] * 2)
+    band = sensorid.shaping_filter(*np.array([
+        [[0.6, -0.7], [0.7, 0.6]], [[0.5, 0.1], [0.0, 0.4]]]), [1.0, 0.0], 0.0, None,
+        [[1.0, 0.2], [0.2, 0.8]])
     said = []
-    for own, h in ((whole, H), (parts, np.ones((60, 3)))):
+    for axes in (np.eye(2), np.array([[1.0, 0.4], [-0.8, 0.7]])):
+        back = np.linalg.inv(axes)
+        turned = sensorid.shaping_filter(axes @ band.Phi[0] @ back,
+                                         axes @ band.Gamma[0], band.H[0] @ back, 0.0,
+                                         None, axes @ band.P0 @ axes.T)
+        h = sensorid.hypothesis(lambda dt: join(turned, (0.9, 0.4, 1.0)), "turned")
+        one = filters.parts_of(h, sensorid.bank(h, DT, np.empty((2, 0))))
+        assert_array_equal(one.pair, [1, 0, 2])
         out = np.full((2, 2, 4, 60), np.nan)
-        total = kernels.mixture_filters(y, h, own, r, outlier, jump, out)
-        w, steps, log_det = kernels.adjoint(np.nan_to_num(y), 1.0 - np.isnan(y[0]),
-                                            own, r)
-        said.append((total, out, w, steps, log_det))
+        total = kernels.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
+                                        r, outlier, jump, out)
+        said.append((total, out, *kernels.adjoint(
+            np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, r)))
     for one, other in zip(*said):
-        assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+        assert_allclose(one, other, rtol=1e-9, atol=1e-11)
 
 
 def test_a_filter_that_is_no_sum_of_processes_has_no_modes():

@@ -6,12 +6,14 @@ from sensorid import default_hypotheses
 from sensorlab.commands.many import (
     answers, check_folder, conclude, write_answers, write_models, write_picture,
     write_table)
+from sensorlab.commands.progress import progress_line, say_beforehand
 from sensorlab.commands.shared import (
-    as_quoted, check_outputs, progress_bar, read_each, refuse_unused,
+    as_quoted, check_outputs, read_each, refuse_unused,
     simulated_records, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.costs import forewarning
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
 from sensorlab.gap.effects import Scene, Simulator, describe
@@ -69,9 +71,10 @@ def _one(options, model, record, folder):
     simulated = simulated_records(options, record) if options.simulated else None
     simulator = _simulator(model, simulated, record)
     try:
+        say_beforehand(forewarning(len(record.error), len(record.columns)))
         check_onsets(simulator, Scene(record.error, record.dt, {}))
         d = diagnose(record.error, record.dt, simulator, record.columns,
-                     seed=options.seed, progress=progress_bar, simulated=simulated)
+                     seed=options.seed, progress=progress_line(), simulated=simulated)
     except ValueError as problem:
         raise ValueError(f"{options.model or record.file}: {problem}") from None
     simulator = augmented(d)

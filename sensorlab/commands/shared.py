@@ -10,6 +10,8 @@ import numpy as np
 
 from sensorid import write_whole
 from sensorlab.commands.cache import forgive
+from sensorlab.commands.progress import announce_compilation, looked_at
+from sensorlab.gap.costs import available
 from sensorlab.gap.report import finite
 from sensorlab.readers import (
     Unread, plain_name, read as read_source, read_axes, read_rows, unread)
@@ -17,11 +19,12 @@ from sensorlab.units import check_report, factor, fits, kind_of, quoted
 
 
 forgive()
+announce_compilation()
 
 
 def progress_bar(done, total):
     """Progress on a terminal."""
-    if sys.stderr and sys.stderr.isatty():
+    if looked_at():
         filled = 30 * done // total
         print(f"\r[{'#' * filled}{'.' * (30 - filled)}] {done}/{total}",
               end="\n" if done == total else "", file=sys.stderr, flush=True)
@@ -138,9 +141,7 @@ def refuse_unused(options, *names, why):
 
 def check_memory(samples, records=1):
     """Refuse records that the machine cannot hold."""
-    pages = [os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_PAGE_SIZE")
-             if name in getattr(os, "sysconf_names", ())]
-    if len(pages) == 2 and 8 * samples * records > pages[0] * pages[1]:
+    if 8 * samples * records > available():
         raise MemoryError(f"{records} records of {samples} samples take "
                           f"{8e-9 * samples * records:.3g} GB")
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from sensorid import brief, free_columns, probabilities
 from sensorlab.gap.account import Account, account, gaussian, mean_evidence
+from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS
@@ -94,6 +95,7 @@ def further_causes(scene, acc, effects, processes=True):
     reference = acc if plain is scene else account(
         plain, hypotheses, signatures=acc.signatures)
     listed = families(plain, effects, acc.signatures)
+    say("looking for signatures", 4)
     samples = directed(plain, reference, listed)
     rivals = [*_with_signatures(listed, samples),
               *_with_filters(scene, plain, acc, reference, effects, processes)]
@@ -101,6 +103,7 @@ def further_causes(scene, acc, effects, processes=True):
         rivals += [rival for effect in effects if effect.factor
                    for wrong in (_with_wrong_parameters, _with_wrong_scale)
                    for rival in wrong(scene, acc, effect)]
+    say("weighing", 2)
     prior, alone, share = _probabilities(acc, rivals)
     groups = _grouped(rivals, share)
     total = [share[group].sum() for group in groups]
@@ -164,6 +167,7 @@ def _with_filters(scene, plain, acc, reference, effects, processes):
         if about < FEW:
             yield _Rival(effect, "", about)
             continue
+        say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
         start, at = (acc, scene) if effect.jumps else (reference, plain)
         for variant in effect.variants or ("",):
             richer = [h.with_effect(effect, variant) for h in start.hypotheses]

@@ -11,6 +11,7 @@ from sensorlab.gap.account import Account, account, as_simulated, fixed
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
+from sensorlab.gap.costs import check_memory, heard_by, say
 from sensorlab.gap.distance import Gap, distance, enough_trials
 from sensorlab.gap.drift import drift
 from sensorlab.gap.effects import (
@@ -19,7 +20,7 @@ from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.readings import Reading, as_read, readings
 from sensorlab.gap.remainder import Remainder, parts, remainder
-from sensorlab.gap.search import MAX_EFFECTS, search
+from sensorlab.gap.search import search
 from sensorlab.gap.twins import Twins, less_shared
 from sensorlab.gap.verdict import all_causes, needed_duration, verdict_of
 
@@ -72,7 +73,9 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     trials : int, optional
         Simulated records behind every p-value, by default TRIALS.
     seed : int
-    progress : function of (done, all), optional
+    progress : function of (done, all, what), optional
+        Hears how many parts of the work are done, of how many as far as is known, and
+        what is done next.
     simulated : (L, M) array, optional
         Records of the simulator itself, where they are all that is known of it (see
         `simulator_from`): what they have, too, is no gap.
@@ -87,15 +90,26 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         If the record is too short, constant or not finite, a column does not fit it,
         a hypothesis is no sum of one-state processes, or the simulator has effects
         that cannot be in one.
+    MemoryError
+        If the record is longer than the memory allows.
     """
     y = as_samples(y)
     columns = {name: as_samples(x) for name, x in (columns or {}).items()}
     check_scene(y, dt, columns)
     effects = tuple(CATALOGUE.values() if effects is None else effects)
-    tell = _steps(progress)
-
     simulator = _simulator(simulator)
-    raw = Scene(snapped(y), dt, columns)
+    check_memory(len(y), len(columns))
+    with heard_by(progress, EXPECTED):
+        return _diagnosed(Scene(snapped(y), dt, columns), simulator, effects, trials,
+                          seed, simulated)
+
+
+EXPECTED = 18    # parts of the work, as `say` counts them, where nothing is found
+
+
+def _diagnosed(raw, simulator, effects, trials, seed, simulated):
+    """`diagnose`, of a scene and a simulator that have been checked."""
+    say("measuring where it differs", 2)
     shared, new = _readings(raw, simulator)
     full, known, free, bases = _without_known(simulator, raw)
     base = _with_readings(full, bases, free, shared)
@@ -105,15 +119,15 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         before = less_shared(alone, own.distances)
 
     def measured(acc, trials=trials, before=alone):
+        say("measuring what is left", 2)
         gap = distance(full, acc, trials, seed + 1, before=before)
         return less_shared(gap, own.distances, before) if own else gap
-    tell()
     start = _with_readings(full, bases, free, shared + new) if new else base
     found = Cause(tuple(r.found._replace(values={
         symbol: (value, 0.0) for symbol, value in r.found.values.items()})
         for r in new), 1.0, sum(r.log_bayes for r in new))
     done = search(full, start, found, effects, before, measured,
-                  own.show if own else lambda one: False, tell)
+                  own.show if own else lambda one: False)
     final, after = done.account, done.after
     path = estimated_together(full, final, done.path)
     done = done._replace(path=path, leaves={**done.leaves, path.effect: path})
@@ -127,7 +141,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     verdict = verdict_of(causes)
     seen = max(np.sum(~np.isnan(as_read(full, start.readings).y)), 1)
     more = final.signatures or len(final.member.effects) > len(start.member.effects)
-    result = Diagnosis(
+    say("integrating the error, foretelling the end of the record", 2)
+    return Diagnosis(
         full, verdict, causes, known, base, final, path.found, closes, before, after,
         closed, directed, closed_by_any(before), rest,
         drift(full, [as_simulated(acc, full, gap.theta) for acc, gap in (
@@ -137,18 +152,6 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         if more or final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis
         else None,
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
-    tell(last=True)
-    return result
-
-
-def _steps(progress):
-    """A function that tells of one more step, or of the last."""
-    done = iter(range(1, 100))
-
-    def tell(last=False):
-        if progress:
-            progress(MAX_EFFECTS + 3 if last else next(done), MAX_EFFECTS + 3)
-    return tell
 
 
 def augmented(d):

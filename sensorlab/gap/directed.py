@@ -12,15 +12,16 @@ from sensorlab.gap.account import account
 from sensorlab.gap.effects import BLOCK, Found, columns_of, psi_of
 from sensorlab.gap.evidence import Sample, effort, normalized
 from sensorlab.gap.filters import Signature, log_likelihoods, solve
-from sensorlab.gap.scans import is_coarse, refined, scores
-from sensorlab.gap.signatures import SIZES, bayes_table, log_bayes, mean_bayes
+from sensorlab.gap.scans import family_bayes, is_coarse, refined, scores
+from sensorlab.gap.signatures import SIZES, bayes_table, log_bayes
 
-NODE_BLOCK = 4 * BLOCK    # samples of one record at many nodes that are worked on at a
-                          # time; few leave cores idle
+NODE_BLOCK = 8 * BLOCK    # samples of one record at many nodes that are worked on at a
+                          # time; few leave lanes and cores idle
 
 NODES = 32            # of a posterior: its evidence is then good to 0.2 nat
 MAX_ADDED = 3         # signatures whose posteriors give nodes
 RESCUED = 15.0        # nats below the best, by which nodes of its own may lift one
+MOST_NEAR = 4096      # signatures whose sizes are averaged
 SLIGHT = 1e-3         # share of a hypothesis that need not be asked for a size
 
 
@@ -73,8 +74,7 @@ def _scored(scene, reference, latest, number, listed, table):
     def of_part(theta):
         solved, result = solve(h, scene, reference.signatures, theta), []
         for family in listed:
-            found = scores(scene, family, solved)
-            result.append(solved.base + mean_bayes(found.gain, table[found.k]))
+            result.append(solved.base + family_bayes(scene, family, solved, table))
         return np.column_stack([solved.base, *result])
     count = -(-len(theta) * len(scene.y) // NODE_BLOCK)
     ll = np.vstack([of_part(part) for part in np.array_split(theta, count)])
@@ -166,7 +166,10 @@ def _sizes(h, scene, signatures, family, theta, share):
         one = solve(h, scene, signatures, theta[times.argmax()][None])
         family = refined(scene, family, scores(scene, family, one))
     found = scores(scene, family, solve(h, scene, signatures, theta))
-    near = np.flatnonzero(found.gain.max(0) > found.gain.max() - 60.0)
+    best = found.gain.max(0)
+    near = np.flatnonzero(best > best.max() - 60.0)
+    if len(near) > MOST_NEAR:    # nothing stands out of so many
+        near = np.sort(near[np.argsort(-best[near], kind="stable")[:MOST_NEAR]])
     each = log_bayes(found.gain[:, near], found.k)
     mass = np.exp(each - logsumexp(each, axis=(1, 2), keepdims=True))
     # moments along the estimate of the normal law times its squared size

@@ -14,7 +14,8 @@ from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import (
     BLOCK, LONG_RECORD, Scene, Simulator, simulate_effects)
 from sensorlab.gap.filters import filtered, predict
-from sensorlab.gap.places import PLACES, Statistics, probes, statistics
+from sensorlab.gap.kernels import ABREAST, side_by_side
+from sensorlab.gap.places import PLACES, Held, Statistics, probes, statistics
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
 
 
@@ -99,21 +100,20 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None):
         *(acc.sample.nodes(POSTERIOR_NODES) if first else [truth]))
     ruler = _Ruler(fit, _whitened_probes(acc, scene, setting.own[0], setting.late))
     real, stats, gain = ruler.laid(scene.y[None], setting.own)
-    T, s, beside = [], [], []
-    block = int(np.clip(BLOCK // len(scene.y), 1, trials))
-    for number in range(0, trials, block):
+    block = int(np.clip(BLOCK // len(scene.y), 1, -(-trials // 2)))
+
+    def measured(number):
         read = setting.drawn(simulator, min(block, trials - number), seed, number)
         _, part, gains = ruler.laid(*read)
-        T.append(part.value)
-        s.append(gains)
-        if before is not None:
-            beside.append(before.ruler.measured(read[0]))
+        return part.value, gains, (
+            np.empty(0) if before is None else before.ruler.measured(read[0]))
+    T, s, beside = zip(*side_by_side(measured, range(0, trials, block)))
     ruler, null = ruler.marked(np.vstack(T), np.vstack(s), stats)
     d = ruler.distances(stats.value, gain)[0]
     stats = stats._replace(value=stats.value[0])
     return Gap(stats, d, null, *p_values(stats.place, ruler.usable, d, null), truth,
                real.z[0, 0], real.log_score[0, 0], ruler,
-               np.vstack(beside) if beside else None)
+               None if before is None else np.vstack(beside))
 
 
 def p_values(listed, usable, d, null):
@@ -163,7 +163,7 @@ class _Refit(NamedTuple):
         nodes = acc.theta + np.diag(self.step)[self.free]
         if middle is None:
             nodes = np.vstack([nodes, acc.theta])
-        ll = filtered(acc.member, scene, acc.signatures, nodes, masked, 0)[0]
+        ll = filtered(acc.member, scene, acc.signatures, nodes, masked)
         return ll[:, :-1] - ll[:, -1:] if middle is None else ll - middle
 
     def truth(self, seed):
@@ -209,7 +209,7 @@ class _Ruler(NamedTuple):
     """What turns a record into distances from a simulator."""
 
     fit: _Refit
-    white: np.ndarray              # (S', N) whitened probes
+    held: Held
     usable: np.ndarray = None      # (S,) statistics that exist for all records
     mean: np.ndarray = None        # (S,) of the simulated records
     sd: np.ndarray = None          # (S,)
@@ -226,7 +226,7 @@ class _Ruler(NamedTuple):
         part = predict(acc.member, setting.scene, acc.signatures, acc.theta[None],
                        masked)
         return part, statistics(
-            part.z[:, 0, first:], read[:, first:], setting.late, self.white
+            part.z[:, 0, first:], read[:, first:], setting.late, self.held
         ), self.fit.gains(masked, part.log_likelihood)
 
     def marked(self, T, s, stats):
@@ -262,7 +262,7 @@ class _Ruler(NamedTuple):
         setting = self.fit.setting
         first = setting.first
         stats = statistics(z[None, first:], setting.scene.y[None, first:], setting.late,
-                           self.white)
+                           self.held)
         return self.distances(stats.value, self.middle[None])[0]
 
     def measured(self, read):
@@ -274,21 +274,27 @@ class _Ruler(NamedTuple):
 
 
 def _whitened_probes(acc, scene, y, late):
-    """`probes` of the end of a scene through the filter of an account without its
-    jumps, of unit norm.
+    """`Held`: `probes` of the end of a scene through the filter of an account without
+    its jumps.
 
     The normal scores of a column far smaller than the noise are its innovations.
     """
     _, hypotheses = gaussian(scene._replace(y=y), acc)
     h = hypotheses[acc.best]
     theta = acc.member.matching(h, acc.theta)[None]
-    probe = np.array([p[3] for p in probes(late)])
-    probe *= 1e-3 * scene.white / np.abs(probe).max(1)[:, None]
-    first = len(y) - len(late.y)
-    probe = np.where(np.isnan(y), np.nan, np.pad(probe, ((0, 0), (first, 0))))
-    white = predict(h, scene, acc.signatures, theta, probe).z[:, 0, first:]
-    white = np.where(np.isnan(white), 0.0, white)
-    return white / (np.sqrt((white**2).sum(1))[:, None] + 1e-300)
+    listed, first, size = tuple(p[:3] for p in probes(late)), len(y) - len(late.y), (
+        1e-3 * scene.white)
+    white, every = np.empty((len(listed), len(late.y))), probes(late)
+    for begin in range(0, len(listed), ABREAST):
+        probe = np.zeros((min(ABREAST, len(listed) - begin), len(y)))
+        for row, (*_, f) in zip(probe, every):
+            row[first:] = f * (size / np.abs(f).max())
+        probe[:, np.isnan(y)] = np.nan
+        z = predict(h, scene, acc.signatures, theta, probe).z[:, 0, first:]
+        z[np.isnan(z)] = 0.0
+        z /= np.sqrt((z**2).sum(1))[:, None] + 1e-300
+        white[begin:begin + ABREAST] = z
+    return Held(listed, white)
 
 
 def _tail(largest):

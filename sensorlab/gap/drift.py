@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorlab.gap.effects import BLOCK, simulate_effects
+from sensorlab.gap.kernels import side_by_side
 
 HORIZONS = 1.0, 10.0, 60.0, 600.0    # s
 MIN_WINDOWS = 4    # of a horizon, in a record
@@ -30,11 +31,14 @@ def drift(scene, simulators, seed=0):
     own = integrated(scene.y[None], scene.dt, lengths)[0]
     drawn = []
     for simulator in simulators:
-        block = int(np.clip(BLOCK // len(scene.y), 1, RECORDS))
-        parts = [integrated(simulate_effects(
-            simulator, scene, min(block, RECORDS - first), seed, first).error,
-            scene.dt, lengths) for first in range(0, RECORDS, block)]
-        drawn.append(np.median(np.vstack(parts), 0))
+        block = int(np.clip(BLOCK // len(scene.y), 1, RECORDS // 2))
+
+        def of_some(first, simulator=simulator, block=block):
+            return integrated(simulate_effects(
+                simulator, scene, min(block, RECORDS - first), seed, first).error,
+                scene.dt, lengths)
+        drawn.append(np.median(np.vstack(side_by_side(of_some, range(
+            0, RECORDS, block))), 0))
     return tuple(Drift(m * scene.dt, *map(float, values))
                  for m, *values in zip(lengths, own, *drawn))
 

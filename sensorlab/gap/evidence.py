@@ -18,7 +18,7 @@ from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tem
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import with_constants
 from sensorlab.gap.kernels import (
-    ABREAST, KERNEL, groups, in_threads, predict_covariance, predict_state,
+    ABREAST, KERNEL, groups, in_threads, load, predict_covariance, predict_state,
     update_covariance, update_state)
 
 
@@ -322,7 +322,7 @@ def _draw_onset(gain, peak, u):
     return onset, np.log((1.0 - STRAY_SHARE) * share * len(gain) + STRAY_SHARE)
 
 
-def draw_onsets(y, H, modes, early, late, u, least, most):
+def draw_onsets(y, H, own, pair, early, late, u, least, most):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
     the log of their density over that of a uniform law from least to most; ABREAST
     nodes side by side.
@@ -333,48 +333,45 @@ def draw_onsets(y, H, modes, early, late, u, least, most):
     f changes, and what may be an outlier counts little.
     """
     onset, density = np.zeros((2, len(u)))
-    in_threads(_draw_onset_groups, groups(len(u)), y, H, modes, early, late, u, least,
-               most, onset, density)
+    in_threads(_draw_onset_groups, groups(len(u)), y, H, own, pair, early, late, u,
+               least, most, onset, density)
     return onset, density
 
 
 @njit(**KERNEL)
-def _draw_onset_groups(first, last, y, H, modes, early, late, u, least, most, onset,
+def _draw_onset_groups(first, last, y, H, own, pair, early, late, u, least, most, onset,
                        density):
     """Groups of `draw_onsets`."""
-    (M, n), N = modes.shape[1:], len(y)
+    (M, n), N = own.shape[1:], len(y)
     for group in range(first, last):
         start, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
-        a, q = np.zeros((n, ABREAST), modes.dtype), np.zeros((n, ABREAST), modes.dtype)
-        P = np.empty((n, n, ABREAST), modes.dtype)
-        x, Ph = np.empty_like(a), np.empty_like(a)
-        f, nu = np.empty_like(a[0]), np.empty(ABREAST)
-        noise, last, log_f = np.ones(ABREAST), np.zeros(ABREAST), np.zeros(ABREAST)
-        weight, gain = np.empty_like(f), np.empty(ABREAST)
+        node = np.minimum(start + np.arange(ABREAST), M - 1)
+        parts, P = np.empty((6, n, ABREAST)), np.empty((n, n, ABREAST))
+        x, Ph = np.empty((n, ABREAST)), np.empty((n, ABREAST))
+        f, nu = np.empty(ABREAST), np.empty(ABREAST)
+        noise, former, log_f = np.ones(ABREAST), np.zeros(ABREAST), np.zeros(ABREAST)
+        weight, gain = np.empty(ABREAST), np.empty(ABREAST)
         odds = np.zeros((N, ABREAST))
         for changed in range(2):
-            P[:], x[:] = 0.0, 0.0
-            for g in range(number):
-                node = start + g
-                noise[g] = late[node] if changed else early[node]
-                for s in range(n):
-                    a[s, g], q[s, g] = modes[0, node, s], modes[1, node, s]
-                    P[s, s, g] = modes[2, node, s]
+            x[:] = 0.0
+            load(own, pair, node, parts, P)
+            for g in range(ABREAST):
+                noise[g] = late[node[g]] if changed else early[node[g]]
             for i in range(N):
                 for g in range(ABREAST):
                     f[g], nu[g] = noise[g], y[i]
-                predict_covariance(a, q, H[i], P, Ph, f)
-                predict_state(a, H[i], x, nu)
+                predict_covariance(parts, pair, H[i], P, Ph, f)
+                predict_state(parts, pair, H[i], x, nu)
                 if np.isnan(y[i]):
                     continue
                 for g in range(ABREAST):
-                    if abs(f[g].real - last[g]) > 1e-6 * f[g].real:
-                        last[g], log_f[g] = f[g].real, np.log(f[g].real)
-                    square = nu[g] * nu[g] / f[g].real
+                    if abs(f[g] - former[g]) > 1e-6 * f[g]:
+                        former[g], log_f[g] = f[g], np.log(f[g])
+                    square = nu[g] * nu[g] / f[g]
                     odds[i, g] += (changed - 0.5) * (
                         log_f[g] + min(square, WILD_SQUARE))
                     weight[g] = 1.0 / f[g] if square < WILD_SQUARE else 0.0
-                    gain[g] = nu[g] * weight[g].real
+                    gain[g] = nu[g] * weight[g]
                 update_state(x, Ph, gain)
                 update_covariance(P, Ph, weight)
         peak = np.full(((most - least - 1) // ONSET_BIN + 1, ABREAST), -np.inf)
@@ -409,7 +406,7 @@ def onset_law(h, scene, signatures):
         early, H = with_constants(h, scene, signatures, at_onset(theta, scene.duration))
         late, _ = with_constants(h, scene, signatures, at_onset(theta, 0.0))
         onset, density = draw_onsets(
-            scene.y, H, np.array(early[:3]), early.r[:, 0].copy(),
+            scene.y, H, early.own, early.pair, early.r[:, 0].copy(),
             late.r[:, -1].copy(), (theta[:, at] - low) / (high - low), least, most)
         return at_onset(theta, onset * scene.dt), -density
     return moved

@@ -12,7 +12,8 @@ from scipy.special import ndtri
 
 from sensorid import LOG_2PI, Bank, Modes, bank, brief, filter_bank, modes
 from sensorlab.gap.effects import Found
-from sensorlab.gap.kernels import adjoint, mixture_filters, row_products
+from sensorlab.gap.kernels import (
+    adjoint, mixture_filters, plain_filters, row_products)
 
 
 class Signature(NamedTuple):
@@ -91,40 +92,94 @@ def constants(h, signatures):
         np.full(s.columns.shape[1], s.sd**2) for s in signatures)])
 
 
+class Parts(NamedTuple):
+    """Filters that fall apart into processes of one state and of two, at M nodes."""
+
+    own: np.ndarray     # (6, M, n) factors of a state and of the other one of its pair,
+                        # variances of the noises and their covariances with that of
+                        # the other, and both at first
+    pair: np.ndarray    # (n,) number of the other state, or its own
+    h: np.ndarray       # (n,) what observes the states
+    r: np.ndarray       # (M, 1 or N) variance of the white noise
+
+    __repr__ = brief
+
+
+def parts_of(h, b):
+    """`Parts` of a hypothesis with this bank."""
+    n = b.Phi.shape[2]
+    timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1
+    joined = sum(np.abs(m).sum(0) for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)) > 0.0
+    joined = (joined | joined.T) & ~np.eye(n, dtype=bool)
+    if not timeless or b.m0.any() or (b.H != b.H[0]).any() or joined.sum(1).max() > 1:
+        raise ValueError(f"{h.name} is no sum of independent processes of one state or "
+                         "two: only such hypotheses can be diagnosed; give a ramp as "
+                         "an effect of a random walk")
+    pair = np.where(joined.any(1), joined.argmax(1), np.arange(n))
+    beside = (pair != np.arange(n)) * 1.0
+    own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
+           for part in (m[:, range(n), range(n)], m[:, range(n), pair] * beside)]
+    return Parts(np.array(own), pair, b.H[0, 0], b.r)
+
+
 def with_constants(h, scene, signatures, theta):
-    """`Modes` with the bias and the sizes of signatures as further processes, and what
+    """`Parts` with the bias and the sizes of signatures as further processes, and what
     observes them, (N, n).
     """
-    own, M = processes(h, scene, theta), len(theta)
+    one = parts_of(h, bank(h, scene.dt, theta))
     variance = constants(h, signatures)
-    k = len(variance)
-    H = np.column_stack([np.ones((len(scene.y), own.a.shape[1] + 1)),
+    k, n = len(variance), len(one.pair)
+    more = np.zeros((6, len(theta), k))
+    more[0], more[4] = 1.0, variance
+    H = np.column_stack([np.tile(np.append(one.h, 1.0), (len(scene.y), 1)),
                          *(s.columns for s in signatures)])
-    return Modes(np.hstack([own.a, np.ones((M, k))]),
-                 np.hstack([own.q, np.zeros((M, k))]),
-                 np.hstack([own.p0, np.tile(variance, (M, 1))]), own.r), H
+    return one._replace(own=np.concatenate([one.own, more], axis=2),
+                        pair=np.append(one.pair, n + np.arange(k))), H
 
 
-def filtered(h, scene, signatures, theta, y, rows):
-    """Log-likelihoods (R, M) of records y (R, N) like that of the scene, and what
-    `mixture_filters` writes of their samples, (R, M, rows, N).
-    """
+def filtered(h, scene, signatures, theta, y):
+    """Log-likelihoods (R, M) of records y (R, N) like that of the scene."""
     own, H = with_constants(h, scene, signatures, theta)
+    (R, N), M = y.shape, len(theta)
+    if _is_plain(h, y):
+        return plain_filters(y, H, own.own, own.pair, own.r, np.empty((R, M, 0)),
+                             np.empty((M, 0)))
+    return _through_mixtures(h, own, H, theta, y, np.empty((R, M, 0, N)))
+
+
+def _is_plain(h, y):
+    """Are records filtered without jumps, and miss the same samples?"""
+    gap = np.isnan(y)
+    return not h.has_jumps and bool((gap == gap[0]).all())
+
+
+def _through_mixtures(h, own, H, theta, y, out):
     jumps = h.jumps(theta)
-    out = np.full((len(y), len(theta), rows, y.shape[1]), np.nan)
-    return mixture_filters(y, H, np.array(own[:3]), own.r, np.column_stack(jumps[:2]),
-                           np.column_stack(jumps[2:]), out), out
+    return mixture_filters(y, H, own.own, own.pair, own.r, np.column_stack(jumps[:2]),
+                           np.column_stack(jumps[2:]), out)
 
 
 def predict(h, scene, signatures, theta, y=None):
     """`Predicted` of the record of a scene, or of others like it, y (R, N)."""
-    total, out = filtered(h, scene, signatures, theta,
-                          scene.y[None] if y is None else y, 4)
-    z = out[:, :, 0]
-    if h.has_jumps:
-        z = normal_score(z, out[:, :, 1])
-    return Predicted(total, np.clip(z, -SCORE_LIMIT, SCORE_LIMIT), out[:, :, 2],
-                     out[:, :, 3])
+    y = scene.y[None] if y is None else y
+    own, H = with_constants(h, scene, signatures, theta)
+    (R, N), M = y.shape, len(theta)
+    if _is_plain(h, y):
+        z, log_f = np.empty((R, M, N)), np.empty((M, N))
+        total = plain_filters(y, H, own.own, own.pair, own.r, z, log_f)
+        log_score = z * z
+        log_score += log_f + LOG_2PI
+        log_score *= -0.5
+        return Predicted(total, _within_limits(z), np.broadcast_to(np.nan, z.shape),
+                         log_score)
+    out = np.full((R, M, 4, N), np.nan)
+    total = _through_mixtures(h, own, H, theta, y, out)
+    z = normal_score(out[:, :, 0], out[:, :, 1]) if h.has_jumps else out[:, :, 0]
+    return Predicted(total, _within_limits(z), out[:, :, 2], out[:, :, 3])
+
+
+def _within_limits(z):
+    return np.clip(z, -SCORE_LIMIT, SCORE_LIMIT, out=z)
 
 
 SCORE_LIMIT = 37.0    # standard deviations: no normal score of double precision lies
@@ -141,7 +196,7 @@ def normal_score(below, above):
 def log_likelihoods(h, scene, signatures, theta):
     """ln f(Y / theta) (M,): through the bank, unless there are jumps."""
     if h.has_jumps:
-        return filtered(h, scene, signatures, theta, scene.y[None], 0)[0][0]
+        return filtered(h, scene, signatures, theta, scene.y[None])[0]
     columns = [scene.y, *(c for s in signatures for c in s.columns.T)]
     variance = constants(h, signatures)
     gram = products(h, scene, columns, theta)
@@ -202,11 +257,16 @@ def polarized(b, scene, rows, pairs):
     """`Sums` of a bank and rows (c, N), and products r' C^-1 s of pairs of them (P, M),
     by 2 r's = (r + s)'(r + s) - r'r - s's: the bank gives squares only.
     """
-    both = [rows[i] + rows[j] for i, j in pairs]
-    rows = np.where(np.isnan(scene.y), np.nan, np.array([*rows, *both]))
-    sums = next(filter_bank(b, rows, [len(scene.y)], few=True))
+    count, gap, every = len(rows), np.isnan(scene.y), rows
+    if pairs or gap.any():
+        every = np.empty((count + len(pairs), len(gap)))
+        every[:count] = rows
+        for row, (i, j) in zip(every[count:], pairs):
+            np.add(rows[i], rows[j], out=row)
+        every[:, gap] = np.nan
+    sums = next(filter_bank(b, every, [len(gap)], few=True))
     cross = [0.5 * (chi2 - sums.chi2[i] - sums.chi2[j])
-             for chi2, (i, j) in zip(sums.chi2[len(rows) - len(pairs):], pairs)]
+             for chi2, (i, j) in zip(sums.chi2[count:], pairs)]
     return sums, np.array(cross)
 
 
@@ -231,11 +291,11 @@ def solve(h, scene, signatures, theta):
     observed = 1.0 - np.isnan(scene.y)
     X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
     b = bank(h, scene.dt, theta)
-    own = _modes_of(h, b)
-    w, steps, log_det = adjoint(X, observed, np.array(own[:3]), own.r)
+    one = parts_of(h, b)
+    w, steps, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.r)
     M, c, N = w.shape
     gram = row_products(w.reshape(-1, N), X).reshape(M, c, c)
     known = marginal(gram, log_det, observed.sum(), constants(h, signatures))
     residual = w[:, 0] - np.einsum("mj,mji->mi", known.size, w[:, 1:])
     return Solved(known.log_likelihood, residual, w[:, 1:], known.covariance, steps,
-                  known.size, own, b)
+                  known.size, _modes_of(h, b), b)

@@ -88,7 +88,7 @@ def _described(gap, lags, spans, curves=False):
     e = z[seen]
     known = [np.append(np.zeros(k), z[:-k])[seen] for k in range(1, lags + 1)]
     if curves:
-        known += [curve[seen] for curve in gap.ruler.white[SHIFTS:]]
+        known += [curve[seen] for curve in gap.ruler.held.white[SHIFTS:]]
     if known:
         known = np.column_stack(known)
         e = e - known @ np.linalg.lstsq(known, e)[0]

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.special import chdtr, chdtrc, log_ndtr, ndtr, ndtri, ndtri_exp
+from scipy.special import (
+    chdtr, chdtrc, eval_legendre, log_ndtr, ndtr, ndtri, ndtri_exp)
 from scipy.stats import poisson
 
 from sensorid import allan_variance, brief
@@ -88,16 +89,25 @@ class _Residuals(NamedTuple):
     scene: Scene
 
 
-def statistics(z, y, scene, white):
+class Held(NamedTuple):
+    """What residuals are held against."""
+
+    listed: tuple        # (place, ends, column) of each of `probes`
+    white: np.ndarray    # (S, N) the same through the filter, of unit norm
+
+    __repr__ = brief
+
+
+def statistics(z, y, scene, held):
     """Statistics of residuals z (R, N), which are N(0, 1) and white if all is well.
 
-    y (R, N) are the records themselves; white (S, N) whitened probes of unit norm.
+    y (R, N) are the records themselves; `held` is `Held`.
     """
     seen = ~np.isnan(z)
     r = _Residuals(np.where(seen, z, 0.0), seen, np.maximum(seen.sum(1), 1), y, scene)
-    held = [(place, _One(*ends, value, column)) for (place, ends, column, _), value in
-            zip(probes(scene), row_products(white, r.z))]
-    every = [*(("time", one) for one in _in_time(r)), *held,
+    level = [(place, _One(*ends, value, column)) for (place, ends, column), value in
+             zip(held.listed, row_products(held.white, r.z))]
+    every = [*(("time", one) for one in _in_time(r)), *level,
              *(("frequency", one) for one in _in_frequency(r)),
              *(("averaging_time", one) for one in _in_averaging_time(r)),
              *(("lag", one) for one in _in_lag(r)),
@@ -117,29 +127,34 @@ CLUSTER = 16               # samples, or means of them, in the clusters of a lon
 
 
 def probes(scene):
-    """(place, ends, column, (N,) array) that residuals are held against: shifts of the
-    level, and functions of the covariates.
+    """(place, ends, column, (N,) array) after another that residuals are held against:
+    shifts of the level, and functions of the covariates.
     """
-    N = len(scene.y)
-    result = [("time", (scene.time[i], scene.time[-1]), "",
-               (np.arange(N) >= i).astype(float))
-              for i in np.linspace(0, N, SHIFTS + 2).astype(int)[1:-1]]
+    N, time = len(scene.y), scene.time
+    for i in np.linspace(0, N, SHIFTS + 2).astype(int)[1:-1]:
+        yield "time", (time[i], time[-1]), "", (np.arange(N) >= i).astype(float)
     scaled = {name: 2.0 * (x - x.min()) / np.ptp(x) - 1.0
               for name, x in scene.columns.items() if np.ptp(x) > 0.0}
-    curves = []
-    for name, x in scaled.items():
-        moved = np.append(0.0, np.diff(x))
-        curves += [(name, f) for f in (
-            *np.polynomial.legendre.legvander(x, POLYNOMIAL_DEGREE).T[1:], moved,
-            np.sign(moved))]    # the sign: hysteresis
-    if len(scaled) <= MAX_CROSSED_COLUMNS:    # one column may change what another does
-        curves += [(name, x * z) for (name, x), (_, z) in itertools.combinations(
-            (*scaled.items(), ("", scene.time / scene.time[-1] - 0.5)), 2)]
-    for name, f in curves:
+    for name, f in _curves(scaled, time / time[-1] - 0.5):
         if np.ptp(f) > 0.0:
             x = scene.columns[name]
-            result.append(("covariate", (x.min(), x.max()), name, f - f.mean()))
-    return result
+            yield "covariate", (x.min(), x.max()), name, f - f.mean()
+
+
+def _curves(scaled, time):
+    """(name, function (N,)) of columns within -1 and 1 by name, and of all pairs of
+    them and the time: one may change what another does.
+    """
+    for name, x in scaled.items():
+        for n in range(1, POLYNOMIAL_DEGREE + 1):
+            yield name, eval_legendre(n, x)
+        moved = np.append(0.0, np.diff(x))
+        yield name, moved
+        yield name, np.sign(moved)    # hysteresis
+    if len(scaled) <= MAX_CROSSED_COLUMNS:
+        for (name, x), (_, z) in itertools.combinations(
+                (*scaled.items(), ("", time)), 2):
+            yield name, x * z
 
 
 def _in_time(r):

@@ -1,22 +1,28 @@
 """Scans: scores of thousands of signatures by one backward pass, each kind in its way:
 steps at every onset, sinusoids at every frequency, pulses of every duration.
+
+A scan of a long record has millions of scores a node: it is a function that gives those
+of one node, so that they need not all be there at a time.
 """
+
+import itertools
 
 import numpy as np
 from numba import njit
 
 from sensorlab.gap.catalogue import MIN_CYCLES, MIN_PULSE
 from sensorlab.gap.effects import LONG_RECORD
-from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
+from sensorlab.gap.kernels import KERNEL, side_by_side, spectrum
 from sensorlab.gap.signatures import (
-    Scores, blocks, information, joined, least_squares, scores_at)
+    Scores, blocks, information, joined, least_squares, mean_bayes, scores_at)
 
 
 def _onset_scores(scene, family, solved):
-    M = len(solved.base)
-    size, J = np.empty((2, M, len(scene.y) - 1))
-    in_threads(_step_sizes, M, *solved[1:5], size, J)
-    return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
+    def of_node(k):
+        size, J = np.empty((2, 1, len(scene.y) - 1))
+        _step_sizes(0, 1, *(part[k:k + 1] for part in solved[1:5]), size, J)
+        return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
+    return of_node
 
 
 @njit(**KERNEL)
@@ -69,17 +75,28 @@ def _frequency_scores(scene, family, solved):
     n, first, split = (PADDING * len(scene.y), MIN_CYCLES * PADDING,
                        EXACT_CYCLES * PADDING)
     frequency = np.fft.rfftfreq(n, scene.dt)[first:-PADDING]
-    line = np.fft.rfft(solved.residual, n)[:, first:-PADDING]
-    slow = slice(split - first)
-    number = np.stack([line[:, slow].real, -line[:, slow].imag], axis=-1)
+    slow, fast = slice(split - first), slice(split - first, None)
     exact = frequency[slow][::1 if len(scene.y) <= LONG_RECORD else PADDING]
     exact = np.union1d(exact, frequency[slow][-1:])
     J = [information(scene, block.columns, solved)
          for block in blocks(scene, family, exact)]
     J = _interpolated(frequency[slow], exact, np.concatenate(J, axis=1))
-    fast = slice(split - first, None)
-    return joined([least_squares(frequency[slow], number, J),
-                   _spectral_scores(scene, solved, frequency[fast], line[:, fast])])
+    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency[fast] * scene.dt)
+    count = np.sum(~np.isnan(scene.y))
+
+    def of_node(k):
+        line = np.fft.rfft(solved.residual[k:k + 1], n)[:, first:-PADDING]
+        number = np.stack([line[:, slow].real, -line[:, slow].imag], axis=-1)
+        square = line[:, fast].real**2 + line[:, fast].imag**2
+        spectral = np.empty_like(square)
+        _line_information(0, 1, turn, count, *(
+            np.ascontiguousarray(part[k:k + 1])
+            for part in (solved.own.a, solved.own.q, solved.own.r)), spectral)
+        return joined([
+            least_squares(frequency[slow], number, J[k:k + 1]),
+            Scores(frequency[fast], square / spectral, np.sqrt(square) / spectral,
+                   1.0 / np.sqrt(spectral), 2)])
+    return of_node
 
 
 def _interpolated(x, at, value):
@@ -89,16 +106,6 @@ def _interpolated(x, at, value):
     k = np.searchsorted(at, x).clip(1, len(at) - 1)
     share = ((x - at[k - 1]) / (at[k] - at[k - 1])).reshape(-1, 1, 1)
     return (1.0 - share) * value[:, k - 1] + share * value[:, k]
-
-
-def _spectral_scores(scene, solved, frequency, line):
-    own = solved.own
-    square = line.real**2 + line.imag**2
-    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
-    J = np.empty_like(square)
-    in_threads(_line_information, len(square), turn, np.sum(~np.isnan(scene.y)),
-               *map(np.ascontiguousarray, (own.a, own.q, own.r)), J)
-    return Scores(frequency, square / J, np.sqrt(square) / J, 1.0 / np.sqrt(J), 2)
 
 
 DURATION_STEP = 1.6    # ratio of one duration of a pulse to the next
@@ -123,41 +130,56 @@ def _pulse_scores(scene, family, solved):
     squares = np.concatenate([information(scene, block.columns, solved)[..., 0, 0]
                               for block in blocks(scene, family, exact)], axis=1)
     squares = np.split(squares, np.cumsum([len(at) for at in knots])[:-1], axis=1)
-    onsets = [np.arange(1, N - n, max(n // PARTS, 1)) for n in lengths]
+    steps = [max(n // PARTS, 1) for n in lengths]
+    onsets = [np.arange(1, N - n, step) for n, step in zip(lengths, steps)]
+    psi = np.column_stack([np.concatenate(onsets), np.repeat(
+        lengths, [len(own) for own in onsets])]) * scene.dt
     ends = np.cumsum([0, *map(len, onsets)])
-    psi = np.column_stack([np.concatenate(onsets), np.repeat(lengths, np.diff(ends))]
-                          ) * scene.dt
-    gain, size, sd = np.empty((3, len(solved.base), len(psi)))
-    for n, at, square, first, begin in zip(lengths, knots, squares, onsets, ends):
-        in_threads(_pulse_sizes, len(gain), solved.residual, n, at, square, first,
-                   begin, gain, size, sd)
-    likely = np.argsort(-gain.mean(0), kind="stable")[:LIKELY]
+    parts = list(zip(lengths, steps, knots, squares, itertools.pairwise(ends)))
+    del onsets
+
+    def numbers(k, part, number, J):
+        n, step, at, square, _ = part
+        _pulse_numbers(solved.residual[k], n, step, at, square[k], number, J)
+
+    def mean_gain(part):
+        number, J, total = np.zeros((3, np.diff(part[-1])[0]))
+        for k in range(len(solved.base)):
+            numbers(k, part, number, J)
+            total += number * number / J
+        return total
+    mean = np.concatenate(side_by_side(mean_gain, parts))
+    likely = np.argsort(-mean, kind="stable")[:LIKELY]
     found = scores_at(scene, family, solved, map(tuple, psi[likely]))
-    gain[:, likely], size[:, likely], sd[:, likely] = found.gain, found.size, found.sd
-    return Scores(psi, gain, size, sd, 1)
+
+    def of_node(k):
+        number, J = np.empty((2, len(psi)))
+        for part in parts:
+            own = slice(*part[-1])
+            numbers(k, part, number[own], J[own])
+        gain, size, sd = number * number / J, number / J, 1.0 / np.sqrt(J)
+        gain[likely], size[likely], sd[likely] = (
+            of[k] for of in (found.gain, found.size, found.sd))
+        return Scores(psi, gain[None], size[None], sd[None], 1)
+    return of_node
 
 
 @njit(**KERNEL)
-def _pulse_sizes(first, last, residual, n, knots, square, onsets, begin, gain, size,
-                 sd):
-    """Gain, size and its standard error of pulses of n samples at some onsets, written
-    from number `begin` on; `square` (M, knots) is their information at the knots.
+def _pulse_numbers(residual, n, step, knots, square, number, J):
+    """Sums over pulses of n samples at every so many samples from the second on, and
+    their information, of which `square` is that at the knots.
     """
-    for node in range(first, last):
-        total, at, k = 0.0, 0, 1
-        for i in range(n):
-            total += residual[node, i]
-        for j in range(len(onsets)):
-            onset = onsets[j]
-            while at < onset:    # the sum over the pulse moves on
-                total += residual[node, at + n] - residual[node, at]
-                at += 1
-            while k < len(knots) - 1 and onset > knots[k]:
-                k += 1
-            J = max(square[node, k - 1], square[node, k], 1e-300)
-            gain[node, begin + j] = total * total / J
-            size[node, begin + j] = total / J
-            sd[node, begin + j] = 1.0 / np.sqrt(J)
+    total, at, k = 0.0, 0, 1
+    for i in range(n):
+        total += residual[i]
+    for j in range(len(number)):
+        onset = 1 + j * step
+        while at < onset:    # the sum over the pulse moves on
+            total += residual[at + n] - residual[at]
+            at += 1
+        while k < len(knots) - 1 and onset > knots[k]:
+            k += 1
+        number[j], J[j] = total, max(square[k - 1], square[k], 1e-300)
 
 
 SEARCHES = dict(onset=_onset_scores, frequency=_frequency_scores, pulse=_pulse_scores)
@@ -165,9 +187,23 @@ SEARCHES = dict(onset=_onset_scores, frequency=_frequency_scores, pulse=_pulse_s
 
 def scores(scene, family, solved):
     """`Scores` of all signatures of a family."""
-    if family.psi is None:
-        return SEARCHES[family.effect.search](scene, family, solved)
-    return scores_at(scene, family, solved)
+    if family.psi is not None:
+        return scores_at(scene, family, solved)
+    of_node = SEARCHES[family.effect.search](scene, family, solved)
+    nodes = [of_node(k) for k in range(len(solved.base))]
+    return nodes[0]._replace(**{part: np.concatenate([getattr(s, part) for s in nodes])
+                                for part in ("gain", "size", "sd")})
+
+
+def family_bayes(scene, family, solved, table):
+    """ln of the mean Bayes factor over all signatures of a family, (M,)."""
+    def bayes(found):
+        return mean_bayes(found.gain, table[found.k])
+    if family.psi is not None:
+        return bayes(scores_at(scene, family, solved))
+    of_node = SEARCHES[family.effect.search](scene, family, solved)
+    return np.concatenate(side_by_side(lambda k: bayes(of_node(k)),
+                                       range(len(solved.base))))
 
 
 def is_coarse(scene, family):

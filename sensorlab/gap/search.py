@@ -30,7 +30,7 @@ class Search(NamedTuple):
     __repr__ = brief
 
 
-def search(full, start, readings, effects, before, measured, shared, tell):
+def search(full, start, readings, effects, before, measured, shared):
     """`Search` from an account with the readings of a record on, which are a `Cause`,
     until nothing more is found.
 
@@ -47,7 +47,6 @@ def search(full, start, readings, effects, before, measured, shared, tell):
         # a process shows in the undirected statistics, if it is there; jumps may not
         look = further_causes(scene, acc, effects,
                               not path.found or after.p_value < LOOK_ON)
-        tell()
         before_it, leaves = leaves, _with_leaves(leaves, path, look)
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from sensorid import JIT, brief
+from sensorid import JIT, LANES, brief
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import BLOCK, Effect
 from sensorlab.gap.filters import polarized
@@ -138,7 +138,8 @@ def families(scene, effects, signatures=()):
     return result
 
 
-ROWS = 20    # at least, at a time: with products of pairs they fill the bank's lanes
+# at least so many columns at a time: with the products of pairs they fill the lanes
+ROWS = {1: LANES, 2: 20}
 
 
 class Block(NamedTuple):
@@ -164,16 +165,22 @@ def blocks(scene, family, psi=None):
                     f"{columns.shape}: ({N}, 1) or ({N}, 2) are needed")
             if np.any(columns):
                 parts.append((value, variant, columns.T))
-        if parts and (len(parts) + 1) * parts[0][2].size > max(BLOCK, ROWS * N):
+        if parts and (len(parts) + 1) * len(parts[0][2]) * N > max(
+                BLOCK, ROWS[len(parts[0][2])] * N):
             yield _block(parts)
-            parts = []
     if parts:
         yield _block(parts)
 
 
 def _block(parts):
-    psi, variant, columns = zip(*parts)
-    return Block(list(psi), list(variant), np.array(columns))
+    """`Block` of some parts, which are used up: a long record has no room for both."""
+    psi, variant = [p[0] for p in parts], [p[1] for p in parts]
+    columns = np.empty((len(parts), *parts[0][2].shape))
+    for number in range(len(parts)):
+        columns[number] = parts[number][2]
+        parts[number] = None
+    parts.clear()
+    return Block(psi, variant, columns)
 
 
 def scores_at(scene, family, solved, psi=None):
