@@ -126,11 +126,13 @@ def as_simulated(acc, scene, theta, widths=None):
     """The most probable hypothesis of an account, and its effects, with numbers for
     parameters, as a `Simulator`.
 
-    `widths` (p,) turns those of the base into ranges theta -+ width.
+    `widths` (p,) turns those of the base into ranges theta -+ width. Of a record that
+    is clipped the bias counts, as the limits stand still: it is that of the scene.
     """
     base = acc.bases[acc.best].hypothesis
+    clipped = any("limits" in r.found.values for r in acc.readings)
     widths = np.zeros(len(theta)) if widths is None else widths
-    h = base._replace(parameters=tuple(
+    h = base._replace(bias_sigma=0.0 if clipped else base.bias_sigma, parameters=tuple(
         _around(p, v, w) for p, v, w in zip(base.parameters, theta, widths)))
     inside = [one._replace(values=fixed(**acc.member.of(one, theta)))
               for one in acc.member.effects if not one.effect.reading]

@@ -17,7 +17,7 @@ from sensorlab.gap.effects import (
     BLOCK, Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
-from sensorlab.gap.readings import Reading, as_read, readings
+from sensorlab.gap.readings import Reading, as_read, latent_mean, readings
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import MAX_EFFECTS, search
 from sensorlab.gap.twins import Twins, less_shared
@@ -97,7 +97,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     simulator = _simulator(simulator)
     raw = Scene(snapped(y), dt, columns)
     shared, new = _readings(raw, simulator)
-    full, known, free, bases = _without_known(simulator, raw)
+    full, known, free, bases = _without_known(simulator, raw, latent_mean(
+        raw.y, [r.found for r in shared + new]))
     base = _with_readings(full, bases, free, shared)
     before = alone = distance(full, base, trials, seed)
     own = None if simulated is None else Twins(full, base, alone, simulated)
@@ -160,7 +161,8 @@ def augmented(d):
     (h,), (effects,) = as_simulated(d.final, d.scene, d.after.theta, width)
     known = sum((signature_of(d.scene, one, _numbers(one)) for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))
-    h = h._replace(bias_sigma=float(np.hypot(h.bias_sigma, offset)))
+    h = h._replace(bias_sigma=max(
+        d.final.bases[d.final.best].hypothesis.bias_sigma, abs(offset)))
     return Simulator((h,), ((*d.known, *effects),))
 
 
@@ -208,10 +210,11 @@ def _with_ramps_as_effects(simulator):
     return Simulator(*map(tuple, zip(*pairs)))
 
 
-def _without_known(simulator, raw):
-    """The scene less an offset and less what the simulator's signatures of known size
-    add, these signatures, those of unknown size as `Signature`, and the members of the
-    simulator with a bias that the record may have.
+def _without_known(simulator, raw, latent=None):
+    """The scene less an offset, which is the `latent` mean if there is one, and less
+    what the simulator's signatures of known size add, these signatures, those of
+    unknown size as `Signature`, and the members of the simulator with a bias that the
+    record may have.
     """
     known, free, added = [], [], np.zeros(len(raw.y))
     for one in simulator.pairs[0][1]:
@@ -232,10 +235,13 @@ def _without_known(simulator, raw):
     if abs(mean) > UNEXPECTED * expected_mean(bases, raw.dt, len(y)):
         # a bias that the simulator does not expect must not pass for an effect
         bases = tuple(_with_bias(h, max(h.bias_sigma, abs(mean))) for h in bases)
-    if abs(mean) > FAR_FROM_ZERO * spread:
-        # its prior is flat where the bias may be: less the mean of the record, a flat
-        # one about zero says the same, and squares keep their digits
-        offset, y = mean, y - mean
+    if latent is not None and any(h.bias_sigma for h in bases):
+        offset = latent - float(np.mean(added))
+    elif abs(mean) > FAR_FROM_ZERO * spread:
+        offset = mean
+    # its prior is flat where the bias may be: less the mean of the record, a flat one
+    # about zero says the same, and squares keep their digits
+    y = y - offset
     # of two numbers in double precision, one must not drown the other
     bases = tuple(_with_bias(h, min(h.bias_sigma, ROUNDING * max(
         spread, abs(float(np.nanmean(y)))))) for h in bases)
