@@ -19,9 +19,10 @@ from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.readings import Reading, as_read, latent_mean, readings
 from sensorlab.gap.remainder import Remainder, parts, remainder
-from sensorlab.gap.search import MAX_EFFECTS, search
+from sensorlab.gap.search import MAX_EFFECTS, Search, search
 from sensorlab.gap.twins import Twins, less_shared
-from sensorlab.gap.verdict import all_causes, needed_duration, verdict_of
+from sensorlab.gap.verdict import (
+    all_causes, names_all, names_in, needed_duration, verdict_of)
 
 
 class Diagnosis(NamedTuple):
@@ -113,24 +114,25 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     found = Cause(tuple(r.found._replace(values={
         symbol: (value, 0.0) for symbol, value in r.found.values.items()})
         for r in new), 1.0, sum(r.log_bayes for r in new))
-    done = search(full, start, found, effects, before, measured,
-                  own.show if own else lambda one: False, tell)
-    final, after = done.account, done.after
-    path = estimated_together(full, final, done.path)
-    done = done._replace(path=path, leaves={**done.leaves, path.effect: path})
-    closed, rest = closure(before, after), remainder(before, after)
-    directed = bool(path.found and np.isnan(closed.closed))
-    if directed:
-        closed = along_the_filter(path.log_bayes, done.left)
-    closes = parts(full, path, final, closed, before, after, measured)
-    causes = all_causes(done, start, before, rest, [
-        one for one, part in zip(path.found, closes) if part.stays])
+
+    def described(effects, tell=tell):
+        done = search(full, start, found, effects, before, measured,
+                      own.show if own else lambda one: False, tell)
+        return _described(full, done, before, measured)
+    by = described(effects)
+    causes = all_causes(by.search, start, before, by.rest, [
+        one for one, part in zip(by.found, by.parts) if part.stays])
     verdict = verdict_of(causes)
+    if not names_all(verdict, by.found):    # a rival of what is named was the first
+        named = described([e for e in effects if e.name in names_in(verdict)],
+                          lambda: None)
+        by = named if names_all(verdict, named.found) else by
+    final, after = by.search.account, by.search.after
     seen = max(np.sum(~np.isnan(as_read(full, start.readings).y)), 1)
     more = final.signatures or len(final.member.effects) > len(start.member.effects)
     result = Diagnosis(
-        full, verdict, causes, known, base, final, path.found, closes, before, after,
-        closed, directed, closed_by_any(before), rest,
+        full, verdict, causes, known, base, final, by.found, by.parts, before, after,
+        by.closure, by.directed, closed_by_any(before), by.rest,
         drift(full, [as_simulated(acc, full, gap.theta) for acc, gap in (
             (base, before), (final, after))], seed),
         float((final.log_evidence - start.log_evidence) / seen),
@@ -140,6 +142,32 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
     tell(last=True)
     return result
+
+
+class _Described(NamedTuple):
+    """What a search has found, and what that does."""
+
+    search: Search
+    closure: Closure
+    directed: bool
+    rest: Remainder
+    parts: tuple       # of Part
+
+    @property
+    def found(self):
+        return self.search.path.found
+
+
+def _described(full, done, before, measured):
+    """`_Described` of a search, its effects estimated together."""
+    path = estimated_together(full, done.account, done.path)
+    done = done._replace(path=path, leaves={**done.leaves, path.effect: path})
+    closed = closure(before, done.after)
+    directed = bool(path.found and np.isnan(closed.closed))
+    if directed:
+        closed = along_the_filter(path.log_bayes, done.left)
+    return _Described(done, closed, directed, remainder(before, done.after), parts(
+        full, path, done.account, closed, before, done.after, measured))
 
 
 def _steps(progress):
