@@ -75,8 +75,8 @@ def test_the_simulator_of_a_clipped_record_has_the_noise_before(seed, quantiles)
                             sigma_v=(0.1, 1.0), bias_sigma=3.0)
     d = diagnose(np.clip(y, low if quantiles[0] else -np.inf, high), DT, [h])
     assert d.verdict == "saturation"
-    assert d.after.theta[2] == pytest.approx(0.5, rel=0.08)    # sd 0.013 of clipped ones
-    assert d.final.theta[2] < 0.42    # what the fit makes of samples that are not random
+    assert d.after.theta[2] == pytest.approx(0.5, rel=0.08)    # sd 0.013 if clipped
+    assert d.final.theta[2] < 0.42    # what a fit makes of samples not lost at random
     last = d.drift[-1]
     assert 0.6 < last.with_effects / last.record < 1.7
     assert d.after.p_value > 0.01

@@ -66,7 +66,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         Sampling interval, s.
     simulator : Simulator, or sequence of Hypothesis
         Draws one of its hypotheses with equal probability.
-    columns : dict of (N,) arrays, optional
+    columns : dict of (N,) arrays, or DataFrame or Dataset of them, optional
         What was recorded beside the error; `CATALOGUE` names what is looked for.
     effects : sequence of Effect, optional
         By default all of the catalogue.
@@ -90,7 +90,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         that cannot be in one.
     """
     y = as_samples(y)
-    columns = {name: as_samples(x) for name, x in (columns or {}).items()}
+    columns = {} if columns is None else {
+        str(name): as_samples(x) for name, x in dict(columns).items()}
     check_scene(y, dt, columns)
     effects = tuple(CATALOGUE.values() if effects is None else effects)
     tell = _steps(progress)
