@@ -13,10 +13,10 @@ from sensorlab.modelfiles import read_model
 def run(options):
     check_outputs(options.models, options.out)
     if options.to in ("numpy", "ros", "isaac"):
-        refuse_unused(options, "pair", why=f"does nothing for {options.to}, which knows "
-                                           "more than two numbers, or less")
+        refuse_unused(options, "pair", why=f"does nothing for {options.to}: it knows "
+                                           "more than two numbers, or fewer")
     if options.to == "numpy":
-        refuse_unused(options, "horizon", why="does nothing for numpy, which gets the "
+        refuse_unused(options, "horizon", why="does nothing for numpy: it gets the "
                                               "whole model")
     axes, flicker = [], False
     for file in options.models:
