@@ -99,7 +99,7 @@ def _one(options, model, record, folder):
             d, record, unit, provenance(_files(options, record), options.typed), seen))
     show(*told(d, record, unit))
     if quotes:
-        print(f"{h.name}, as data sheets quote it:\n" + quote_table(quotes))
+        show(f"{h.name}:", quote_table(quotes))
     if folder:
         print(f"{folder}: report.html, report.png, report.json, model.json")
 
