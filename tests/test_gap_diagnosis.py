@@ -17,6 +17,19 @@ from sensorlab.gap import account, causes, diagnosis, effects
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
 
 
+def test_columns_may_be_a_table():
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    rng = np.random.default_rng(3)
+    y, T = rng.standard_normal((2, 200))
+    answers = [sensorlab.diagnose(y, 1.0, WHITE, columns, trials=29, effects=[
+        sensorlab.CATALOGUE["temperature"]]) for columns in (
+            dict(temperature=T), pandas.DataFrame(dict(temperature=T)),
+            xarray.Dataset(dict(temperature=("time", T))))]
+    assert all([c.probability for c in a.causes] == [
+        c.probability for c in answers[0].causes] for a in answers)
+    assert any(c.effect == "temperature" for c in answers[1].causes)
+
+
 def test_means_that_a_simulator_expects():
     h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5, bias_sigma=2.0)
     n = 1000

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from conftest import DT, MODEL
+from scipy.signal import lfilter
 
 import sensorid
 import sensorlab
-from sensorlab import Scene
+from sensorlab import Scene, diagnose
 from sensorlab.gap import catalogue, readings
 
 
@@ -103,3 +104,34 @@ def test_digits_and_two_levels_far_apart_are_no_lattice():
     poses = np.where(np.arange(4000) < 2000, 9.8, -9.8) + 0.01 * y
     assert catalogue.lattice(poses) == 0.0
     assert catalogue.lattice(np.round(y, 4)) == pytest.approx(1e-4)
+
+
+def markov_and_noise(rng, n=4000, tau=300.0, sigma_m=0.5, sigma_v=0.5):
+    a = np.exp(-DT / tau)
+    w = sigma_m * np.sqrt(1.0 - a * a) * rng.standard_normal(n)
+    return lfilter([1.0], [1.0, -a], w) + sigma_v * rng.standard_normal(n)
+
+
+def test_the_mean_of_a_clipped_record_is_that_before():
+    y = 0.7 + np.random.default_rng(4).standard_normal(10_000)
+    for limits in ([-np.inf, 1.0], [0.0, np.inf], [0.5, 1.2]):
+        found = readings.readings(Scene(np.clip(y, *limits), DT, {}))[0].found
+        mean = readings.latent_mean(np.clip(y, *limits), [found])
+        assert mean == pytest.approx(0.7, abs=0.05)    # sd 0.01 to 0.014
+    assert readings.latent_mean(y, []) is None
+
+
+@pytest.mark.parametrize("seed, quantiles", [(1, (0.15, 0.85)), (2, (0.0, 0.7))])
+def test_the_simulator_of_a_clipped_record_has_the_noise_before(seed, quantiles):
+    rng = np.random.default_rng(seed)
+    y = 2.0 + markov_and_noise(rng)
+    low, high = np.quantile(y, quantiles)
+    h = sensorid.hypothesis("markov", tau_m=(60, 1500), sigma_m=(0.2, 1.5),
+                            sigma_v=(0.1, 1.0), bias_sigma=3.0)
+    d = diagnose(np.clip(y, low if quantiles[0] else -np.inf, high), DT, [h])
+    assert d.verdict == "saturation"
+    assert d.after.theta[2] == pytest.approx(0.5, rel=0.08)    # sd 0.013 if clipped
+    assert d.final.theta[2] < 0.42    # what a fit makes of samples not lost at random
+    last = d.drift[-1]
+    assert 0.6 < last.with_effects / last.record < 1.7
+    assert d.after.p_value > 0.01

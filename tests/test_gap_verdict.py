@@ -1,10 +1,13 @@
 """What is said, from the probabilities of all sets of effects."""
 
+import numpy as np
 import pytest
 
+import sensorid
 import sensorlab
 from sensorlab import Found
 from sensorlab.gap import causes
+from sensorlab.gap.diagnosis import augmented, diagnose
 from sensorlab.gap.verdict import split_families, unknown_probability, verdict_of
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
@@ -49,3 +52,20 @@ def test_a_family_is_named_where_its_members_split_it():
 def test_a_small_p_value_makes_something_unknown_probable():
     chance = [unknown_probability(p) for p in (1.0, 0.05, 1e-3, 1e-9)]
     assert chance == sorted(chance) and chance[0] < 0.02 and chance[-1] > 0.999
+
+
+def test_the_model_has_what_the_verdict_names():
+    """A rival of a family is the single most probable cause, but not more probable than
+    the family.
+    """
+    rng, t = np.random.default_rng(2), np.arange(800)
+    T = np.exp(-t / 150) + 0.0025 * rng.standard_normal(800).cumsum()
+    y = rng.standard_normal(800) + 0.9 * T
+    d = diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=(0.3, 2))],
+                 dict(temperature=T), [sensorlab.CATALOGUE[name] for name in (
+                     "temperature", "thermal_lag", "second_order_drift",
+                     "turn_on_transient")], trials=59)
+    assert d.verdict == "temperature or thermal_lag"
+    assert d.causes[0].effect == "second_order_drift"
+    assert [one.name for one in d.found] == ["temperature"]
+    assert [one.name for one in augmented(d).effects[0]] == ["temperature"]

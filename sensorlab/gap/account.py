@@ -150,16 +150,18 @@ def as_simulated(acc, scene, theta, widths=None):
     """The most probable hypothesis of an account, and its effects, with numbers for
     parameters, as a `Simulator`.
 
-    `widths` (p,) turns those of the base into ranges theta -+ width.
+    `widths` (p,) turns those of the base into ranges theta -+ width. Of a record that
+    is clipped the bias counts, as the limits stand still: it is that of the scene.
     """
     base = acc.bases[acc.best].hypothesis
+    clipped = any("limits" in r.found.values for r in acc.readings)
     widths = np.zeros(len(theta)) if widths is None else widths
     scaled = acc.member.in_units(theta)
-    h = base._replace(parameters=tuple(
+    h = base._replace(bias_sigma=0.0 if clipped else base.bias_sigma, parameters=tuple(
         _around(p, v, w) for p, v, w in zip(base.parameters, scaled, widths)))
     for one in acc.member.effects:
         if one.effect.factor:    # what makes a bias larger is in the base already
-            h = h._replace(bias_sigma=base.bias_sigma * min(
+            h = h._replace(bias_sigma=h.bias_sigma * min(
                 acc.member.value(theta, one.key, "factor"), 1.0))
     inside = [one._replace(values=fixed(**acc.member.of(one, scaled)))
               for one in acc.member.effects

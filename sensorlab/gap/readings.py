@@ -4,7 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import xlogy
+from scipy.optimize import minimize
+from scipy.special import log_ndtr, xlogy
 
 from sensorid import brief
 from sensorlab.gap.catalogue import CATALOGUE, lattice
@@ -90,6 +91,30 @@ def _clipped(y, lsb, noise):
         limits.append(float(end) if full else sign * np.inf)
         clipped |= (y == end) & full
     return limits, clipped
+
+
+def latent_mean(y, found):
+    """Mean of a record before it was clipped, if any of the `Found` is a limit, else
+    None: the most likely one if its values are normal (J. Tobin, Econometrica 26,
+    1958).
+    """
+    limits = [one.values["limits"] for one in found if "limits" in one.values]
+    if not limits:
+        return None
+    ends, seen = limits[0], y[~np.isnan(y)]
+    inside = seen[(seen > ends[0]) & (seen < ends[1])]
+    clipped = [(sign, end, np.sum(sign * (seen - end) >= 0.0))
+               for sign, end in zip((-1.0, 1.0), ends) if np.isfinite(end)]
+    start = inside if len(inside) > 1 and np.ptp(inside) else seen
+
+    def misfit(at):
+        mean, sigma = at[0], np.exp(at[1])
+        z = (inside - mean) / sigma
+        return 0.5 * z @ z + len(inside) * at[1] - sum(
+            count * log_ndtr(sign * (mean - end) / sigma)
+            for sign, end, count in clipped)
+    return float(minimize(misfit, [start.mean(), np.log(start.std())],
+                          method="Nelder-Mead").x[0])
 
 
 FEWEST = 8         # repeated samples that show a rate

@@ -93,6 +93,19 @@ def verdict_of(causes):
                      *(e for e in sure if e == "unknown")]) or "undecided"
 
 
+def names_in(verdict):
+    """The effects that a verdict names, members of a family each."""
+    return verdict.replace(" or ", "+").split("+")
+
+
+def names_all(verdict, found):
+    """Are all that was found among what a verdict names? Where it names nothing that
+    the catalogue has, they need not be.
+    """
+    return verdict in ("none", "unknown", "undecided") or all(
+        one.name in names_in(verdict) for one in found)
+
+
 def needed_duration(causes, scene):
     """Record length, s, at which the two best causes would be told apart, if their log
     odds grew as they did.
