@@ -97,8 +97,9 @@ def further_causes(scene, acc, effects, processes=True):
     listed = families(plain, effects, acc.signatures)
     say("looking for signatures", 4)
     samples = directed(plain, reference, listed)
-    rivals = [*_with_signatures(listed, samples),
-              *_with_filters(scene, plain, acc, reference, effects, processes)]
+    rivals = _with_signatures(listed, samples)
+    rivals += _with_filters(scene, plain, acc, reference, effects, processes,
+                            max([0.0, *(one.log_bayes for one in rivals)]))
     if processes:
         rivals += [rival for effect in effects if effect.factor
                    for wrong in (_with_wrong_parameters, _with_wrong_scale)
@@ -154,8 +155,13 @@ def _with_signatures(listed, samples):
                    number) for number, family in enumerate(listed, 1)]
 
 
-def _with_filters(scene, plain, acc, reference, effects, processes):
-    """Rivals that are inside the filter: models, if wanted, and jumps."""
+MATTERS = 4.0    # nats below the best rival: what lies lower need not be known well
+
+
+def _with_filters(scene, plain, acc, reference, effects, processes, best):
+    """Rivals that are inside the filter: models, if wanted, and jumps; `best` is the
+    largest ln B of all others.
+    """
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     z = seen.z[0, 0]
     variance = usual_variance(z, seen.log_score[0, 0])
@@ -177,7 +183,8 @@ def _with_filters(scene, plain, acc, reference, effects, processes):
                     yield _Rival(effect, "", told, variant=variant)
                     continue
             new = account(at, acc.bases, richer, acc.signatures, acc.readings, start,
-                          start.log_evidence + HOPELESS_NATS)
+                          start.log_evidence + max(HOPELESS_NATS, best - MATTERS))
+            best = max(best, _log_bayes(new, start))
             yield _Rival(effect, "", _log_bayes(new, start), account=new,
                          values=_values(new.member.effects[-1], new),
                          variant=variant)
