@@ -247,11 +247,12 @@ def draw(rows, trees):
         "Ljung-Box and Allan slopes": (single, lambda r: r["slopes"] == r["effects"])}
     if trees:
         curves["random forest"] = single, lambda r: guess[id(r)] == r["effects"]
-    ratio = [np.sqrt(2.0 * np.mean([r["nats"] for r in additive if r["level"] == k]))
-             for k in levels]
+    ratio = np.sqrt([2.0 * np.mean([r["nats"] for r in additive if r["level"] == k])
+                     for k in levels])
     for number, (label, (own, hit)) in enumerate(curves.items()):
         hits = [[hit(r) for r in own if r["level"] == k] for k in levels]
-        left.errorbar(ratio, [100.0 * np.mean(h) for h in hits], label=label,
+        aside = 1.01**(number - 2.5)    # so that no bar hides another
+        left.errorbar(aside * ratio, [100.0 * np.mean(h) for h in hits], label=label,
                       color=COLOURS[number], marker="o", capsize=2,
                       yerr=100.0 * np.abs(np.transpose([np.subtract(
                           withheld.interval(sum(h), len(h)), np.mean(h))

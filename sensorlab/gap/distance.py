@@ -43,8 +43,9 @@ class Gap(NamedTuple):
 
 POSTERIOR_NODES = 24    # parameters that stand for a posterior
 TRIALS = 199    # simulated records behind every p-value
-MOVES = 24      # of indirect inference for a record that readings hide, at most
-THERE = 0.1     # standard deviations of an estimate: a shorter move is none
+MOVED = 48      # simulated records behind a move of indirect inference
+MOVES = 24      # moves for a record that readings hide, at most
+THERE = 0.2     # standard deviations, some 1 / sqrt(MOVED): a shorter move is none
 BOUND = 1.0     # of a move
 FEWER = (LONG_RECORD, 4), (10 * LONG_RECORD, 5)    # samples from which on so many times
                                                    # fewer must do
@@ -189,7 +190,7 @@ class _Refit(NamedTuple):
         pace, last = np.ones(len(free)), np.zeros(len(free))
         for _ in range(MOVES if acc.readings else 4):
             # with the same noises, or it would walk about
-            _, masked = self.setting.drawn(self.setting.simulator(truth), 48,
+            _, masked = self.setting.drawn(self.setting.simulator(truth), MOVED,
                                            seed + 100)
             s = self.gains(np.vstack([self.setting.own, masked]))
             s[1:] = _without_tails(s[1:])
