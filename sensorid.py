@@ -201,7 +201,7 @@ def shaping_filter(Phi, Gamma, H, Psi=0.0, m0=None, P0=None):
     return ShapingFilter(Phi, Gamma, H, np.atleast_1d(np.array(Psi, float)), m0, P0)
 
 
-def _sum_of(sigma_v, *processes):
+def sum_of(sigma_v, *processes):
     """Independent one-state processes in white noise; of each the transition factor,
     the standard deviation of w and the variance of x_0: numbers, or columns (M, 1).
     """
@@ -222,27 +222,27 @@ def _markov(dt, tau_m, sigma_m):
 
 def white_noise(dt, sigma_v):
     """White noise alone, Eq. (23) without a correlated part."""
-    return _sum_of(sigma_v, (0.0, 0.0, 0.0))
+    return sum_of(sigma_v, (0.0, 0.0, 0.0))
 
 
 def random_walk(dt, sigma_w, sigma_v=0.0):
     """Random walk from 0, Eq. (21); sigma_w per sample."""
-    return _sum_of(sigma_v, (1.0, sigma_w, 0.0))
+    return sum_of(sigma_v, (1.0, sigma_w, 0.0))
 
 
 def markov(dt, tau_m, sigma_m, sigma_v=0.0):
     """First-order Markov process in its steady state, Eq. (22)."""
-    return _sum_of(sigma_v, _markov(dt, tau_m, sigma_m))
+    return sum_of(sigma_v, _markov(dt, tau_m, sigma_m))
 
 
 def random_walk_markov(dt, sigma_w, tau_m, sigma_m, sigma_v=0.0):
     """Random walk plus first-order Markov process."""
-    return _sum_of(sigma_v, (1.0, sigma_w, 0.0), _markov(dt, tau_m, sigma_m))
+    return sum_of(sigma_v, (1.0, sigma_w, 0.0), _markov(dt, tau_m, sigma_m))
 
 
 def two_markov(dt, tau_m, sigma_m, tau_n, sigma_n, sigma_v=0.0):
     """Two first-order Markov processes."""
-    return _sum_of(sigma_v, _markov(dt, tau_m, sigma_m), _markov(dt, tau_n, sigma_n))
+    return sum_of(sigma_v, _markov(dt, tau_m, sigma_m), _markov(dt, tau_n, sigma_n))
 
 
 def rate_ramp(dt, slope, sigma_w=0.0, sigma_v=0.0):
@@ -315,6 +315,11 @@ class Hypothesis(NamedTuple):
         """Shaping filter at one value of the parameters."""
         return self.model(dt, **{p.symbol: value
                                  for p, value in zip(self.parameters, theta)})
+
+    @property
+    def elementwise(self):
+        """Does `filter` take columns of parameters, of all nodes at once, too?"""
+        return self.model in SUMS
 
 
 def hypothesis(model, name=None, bias_sigma=1.0, prior="uniform", **parameters):
@@ -753,6 +758,7 @@ def uniform_grid(h, dt, nodes):
 LANES = 32     # trials that march abreast
 GROUP = 32     # nodes that march abreast
 TILE = 128     # samples; a TILE x LANES tile of data (32 KiB) stays in the L1 cache
+STRETCH = 32   # samples of which the gains of n-state filters stay there
 DUST = 1e-100  # states so small are 0: arithmetic with numbers below 1e-308, to which
                # they decay where a record is 0 for long, takes 40 times as long
 
@@ -929,70 +935,152 @@ def _advance_record(y, observed, last_gap, node, memory, state):
                 own[3, g] += (n - first) * np.log(f)
 
 
-@njit(parallel=True, **JIT)
-def _advance_general(y, observed, last_gap, first, Phi, Q, H, r, x, P, sums):
-    """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), n <= 6.
+@njit(**JIT)
+def _covariance_abreast(entries, phi, noise, h, r, o, P, prior, Ph, f):
+    """Eqs. (5), (6), (8) of one sample for GROUP nodes of n states: P (n, n, GROUP), of
+    which the lower half counts, becomes the filtered covariance, Ph (n, GROUP) is the
+    predicted one times h, f (GROUP,) the variance of the innovation.
+    """
+    n = len(Ph)
+    prior[:] = 0.0
+    for row, column in entries:
+        for s in range(n):
+            low, high = min(column, s), max(column, s)
+            for g in range(GROUP):
+                prior[row, s, g] += phi[row, column, g] * P[high, low, g]
+    for row in range(n):
+        for s in range(row + 1):
+            for g in range(GROUP):
+                P[row, s, g] = noise[row, s, g]
+    for row, column in entries:
+        for s in range(row, n):
+            for g in range(GROUP):
+                P[s, row, g] += prior[s, column, g] * phi[row, column, g]
+    for g in range(GROUP):
+        f[g] = r[g]
+    for row in range(n):
+        for g in range(GROUP):
+            Ph[row, g] = 0.0
+        for s in range(n):
+            low, high = min(row, s), max(row, s)
+            for g in range(GROUP):
+                Ph[row, g] += P[high, low, g] * h[s, g]
+        for g in range(GROUP):
+            f[g] += h[row, g] * Ph[row, g]
+    for row in range(n):
+        for s in range(row + 1):
+            for g in range(GROUP):
+                P[row, s, g] -= Ph[row, g] * Ph[s, g] * o / f[g]
 
-    y (C + 1, n_samples) whose last row is ones; Phi, Q (M, 1 or N, n, n),
-    H (M, 1 or N, n), r (M, 1 or N); filtered state x (M, C + 1, n) and covariance
-    P (M, n, n); sums (M, C + 1, 2) of nu^2/f and nu mu/f, the last row information
-    and log_det.
+
+@njit(**JIT)
+def _is_steady(past, P, Ph, weight):
+    """Have filtered covariances stayed what they were, but for rounding?"""
+    n = len(Ph)
+    for row in range(n):
+        for s in range(row + 1):
+            for g in range(GROUP):
+                scale = ((P[row, row, g] + Ph[row, g]**2 * weight[g])
+                         * (P[s, s, g] + Ph[s, g]**2 * weight[g]))
+                if (P[row, s, g] - past[row, s, g])**2 > 1e-28 * scale:
+                    return False
+    return True
+
+
+@njit(**JIT)
+def _states_abreast(y, entries, phi, h, gain, x, new, nu):
+    """Eqs. (4), (7) of one sample for GROUP nodes of n states x (n, GROUP)."""
+    n = len(x)
+    new[:] = 0.0
+    for row, column in entries:
+        for g in range(GROUP):
+            new[row, g] += phi[row, column, g] * x[column, g]
+    for g in range(GROUP):
+        nu[g] = y
+    for s in range(n):
+        for g in range(GROUP):
+            nu[g] -= h[s, g] * new[s, g]
+    for s in range(n):
+        for g in range(GROUP):
+            x[s, g] = new[s, g] + gain[s, g] * nu[g]
+
+
+@njit(parallel=True, **JIT)
+def _advance_abreast(y, observed, last_gap, first, entries, Phi, Q, H, r, x, P, sums):
+    """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), n <= 6,
+    nodes abreast.
+
+    y (C + 1, n_samples) whose last row is ones; Phi, Q (groups, 1 or N, n, n, GROUP),
+    H (groups, 1 or N, n, GROUP), r (groups, 1 or N, GROUP); entries (K, 2) rows and
+    columns of Phi that are not zero; filtered state x (groups, C + 1, n, GROUP) and
+    covariance P (groups, n, n, GROUP); sums (groups, C + 1, 2, GROUP) of nu^2/f and
+    nu mu/f, the last row information and log_det. Once P no longer changes, gain and f
+    are constants of the node; once mu does not, either.
     """
     columns, samples = y.shape
     n = x.shape[2]
     timeless = Phi.shape[1] == Q.shape[1] == H.shape[1] == r.shape[1] == 1
-    for node in prange(len(x)):
-        prior, Ph, gain = np.empty((n, n)), np.empty(n), np.empty(n)
-        new, f, steady = np.empty(n), 1.0, False
-        for i in range(samples):
-            phi = Phi[node, min(first + i, Phi.shape[1] - 1)]
-            noise = Q[node, min(first + i, Q.shape[1] - 1)]
-            h = H[node, min(first + i, H.shape[1] - 1)]
+    for group in prange(len(x)):
+        prior, Ph, new = np.empty((n, n, GROUP)), np.empty((n, GROUP)), np.empty(
+            (n, GROUP))
+        f, nu, product = np.empty(GROUP), np.empty(GROUP), np.ones(GROUP)
+        gain, weight = np.empty((STRETCH, n, GROUP)), np.empty((STRETCH, GROUP))
+        mu = np.zeros((STRETCH, GROUP))
+        own, total, past = P[group], sums[group], np.empty((n, n, GROUP))
+        steady, flat = False, False
+        for begin in range(0, samples, STRETCH):
+            end = min(begin + STRETCH, samples)
             if not steady:
-                for row in range(n):
-                    for column in range(n):
-                        prior[row, column] = 0.0
-                        for s in range(n):
-                            prior[row, column] += phi[row, s] * P[node, s, column]
-                f = r[node, min(first + i, r.shape[1] - 1)]
-                for row in range(n):
-                    for column in range(n):
-                        new[column] = noise[row, column]
-                        for s in range(n):
-                            new[column] += prior[row, s] * phi[column, s]
-                    for column in range(n):
-                        prior[row, column] = new[column]
-                for row in range(n):
-                    Ph[row] = 0.0
-                    for column in range(n):
-                        Ph[row] += prior[row, column] * h[column]
-                    f += h[row] * Ph[row]
-                for row in range(n):
-                    gain[row] = Ph[row] / f * observed[i]
-                steady = timeless and i > last_gap
-                for row in range(n):
-                    for column in range(n):
-                        update = prior[row, column] - gain[row] * Ph[column]
-                        steady &= (abs(update - P[node, row, column])
-                                   <= 1e-15 * abs(update))
-                        P[node, row, column] = update
-            mu = 0.0
+                past[:] = own
+                for i in range(begin, end):
+                    at, o = first + i, observed[i]
+                    _covariance_abreast(
+                        entries, Phi[group, min(at, Phi.shape[1] - 1)],
+                        Q[group, min(at, Q.shape[1] - 1)],
+                        H[group, min(at, H.shape[1] - 1)],
+                        r[group, min(at, r.shape[1] - 1)], o, own, prior, Ph, f)
+                    for g in range(GROUP):
+                        weight[i - begin, g] = o / f[g]
+                        product[g] *= o * f[g] + (1.0 - o)
+                    for s in range(n):
+                        for g in range(GROUP):
+                            gain[i - begin, s, g] = Ph[s, g] * weight[i - begin, g]
+                    if i % 8 == 7 or i == samples - 1:
+                        for g in range(GROUP):
+                            total[columns - 1, 1, g] += np.log(product[g])
+                            product[g] = 1.0
             for record in range(columns - 1, -1, -1):    # the ones first: they give mu
-                nu = y[record, i]
-                for row in range(n):
-                    new[row] = 0.0
-                    for column in range(n):
-                        new[row] += phi[row, column] * x[node, record, column]
-                    nu -= h[row] * new[row]
-                for row in range(n):
-                    x[node, record, row] = new[row] + gain[row] * nu
-                if record == columns - 1:
-                    mu = nu
-                    sums[node, record, 0] += observed[i] * mu * mu / f
-                    sums[node, record, 1] += observed[i] * np.log(f)
-                else:
-                    sums[node, record, 0] += observed[i] * nu * nu / f
-                    sums[node, record, 1] += observed[i] * nu * mu / f
+                if flat and record == columns - 1:
+                    continue
+                for i in range(begin, end):
+                    at, k = first + i, 0 if steady else i - begin
+                    _states_abreast(
+                        y[record, i], entries, Phi[group, min(at, Phi.shape[1] - 1)],
+                        H[group, min(at, H.shape[1] - 1)], gain[k], x[group, record],
+                        new, nu)
+                    if record == columns - 1:
+                        for g in range(GROUP):
+                            mu[i - begin, g] = nu[g]
+                            total[record, 0, g] += weight[k, g] * nu[g] * nu[g]
+                    else:
+                        for g in range(GROUP):
+                            total[record, 0, g] += weight[k, g] * nu[g] * nu[g]
+                            total[record, 1, g] += weight[k, g] * nu[g] * mu[
+                                i - begin, g]
+            if timeless and begin > last_gap and end - begin == STRETCH:
+                if not steady and _is_steady(past, own, Ph, weight[STRETCH - 1]):
+                    steady = True
+                    gain[0], weight[0] = gain[STRETCH - 1], weight[STRETCH - 1]
+                    for g in range(GROUP):
+                        total[columns - 1, 1, g] += (samples - end) * np.log(f[g])
+                elif steady and not flat:
+                    flat = np.abs(mu[0] - mu[STRETCH - 1]).max() < 1e-15
+                    if flat:
+                        for i in range(STRETCH):
+                            mu[i] = mu[STRETCH - 1]
+                        for g in range(GROUP):
+                            total[columns - 1, 0, g] += (
+                                (samples - end) * weight[0, g] * mu[0, g]**2)
 
 
 @njit(parallel=True, **JIT)
@@ -1002,7 +1090,7 @@ def _advance_modal(y, observed, first, a, q, r, P, x, sums):
     y (C + 1, n_samples) whose last row is ones; a, q (groups, n, GROUP),
     r (groups, 1 or N, GROUP); filtered covariance P (groups, n, n, GROUP) and state
     x (groups, C + 1, n, GROUP); sums (groups, C + 1, 2, GROUP) as in
-    `_advance_general`.
+    `_advance_abreast`.
     """
     columns, samples = y.shape
     n = a.shape[1]
@@ -1075,7 +1163,7 @@ class Bank(NamedTuple):
 
 def bank(h, dt, theta):
     """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
-    if getattr(h, "model", None) in SUMS:    # all nodes at once
+    if h.elementwise:
         filt = h.filter(dt, np.transpose(theta)[..., None])
         dimensions = 3, 3, 2, 1, 1, 2
         Phi, Gamma, H, Psi, m0, P0 = (
@@ -1113,7 +1201,7 @@ def modes(b):
     return Modes(*(np.diagonal(m, 0, 1, 2).copy() for m in parts), b.r)
 
 
-def filter_bank(b, y, stops):
+def filter_bank(b, y, stops, few=False):
     """Sums of a bank over records, at each of the given numbers of samples.
 
     Parameters
@@ -1122,6 +1210,8 @@ def filter_bank(b, y, stops):
     y : (C, N) array
         Records, u. NaN marks a missing sample, the same in all of them.
     stops : increasing sequence of int, 1 <= stop <= N
+    few : bool
+        Records are few beside the nodes, which then march abreast.
 
     Yields
     ------
@@ -1148,17 +1238,18 @@ def filter_bank(b, y, stops):
         raise ValueError("samples are missing in some records only: filter these apart")
     if np.any(np.diff(stops) <= 0) or not 1 <= stops[0] <= stops[-1] <= y.shape[1]:
         raise ValueError(f"stops {list(stops)} do not increase within 1..{y.shape[1]}")
-    return _sums(b, np.where(gap, 0.0, y) if gap[0].any() else y, 1.0 - gap[0], stops)
+    return _sums(b, np.where(gap, 0.0, y) if gap[0].any() else y, 1.0 - gap[0], stops,
+                 few)
 
 
-def _sums(b, y, observed, stops):
+def _sums(b, y, observed, stops, few):
     """The loop of `filter_bank`: choose a kernel and advance from stop to stop."""
     stretches = [
         (begin, end, np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1))
         for begin, end in zip([0, *stops[:-1]], stops)]
     run = (_sums_record if _is_scalar(b) and len(y) == 1
-           else _sums_trials if _is_scalar(b)
-           else _sums_modal if modes(b) else _sums_general)
+           else _sums_trials if _is_scalar(b) and not few
+           else _sums_modal if modes(b) else _sums_abreast)
     parts, done = run(b, y, observed, stretches), 0
     for end in stops:
         with _no_more_threads_than(-(-len(b.r) // GROUP) * len(y) * (end - done)):
@@ -1183,39 +1274,54 @@ def _no_more_threads_than(work):
         set_num_threads(threads)
 
 
-def _sums_general(b, y, observed, stretches):
-    records, nodes, n = len(y), *b.m0.shape
-    y = np.vstack([y, np.ones(y.shape[1])])
-    x, P, sums = (np.zeros((nodes, records + 1, n)), b.P0.copy(),
-                  np.zeros((nodes, records + 1, 2)))
-    x[:, :-1] = b.m0[:, None]
-    for begin, end, last_gap in stretches:
-        _advance_general(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
-                         last_gap, begin, b.Phi, b.Q, b.H, b.r, x, P, sums)
-        yield sums[:, :-1, 0].T, sums[:, :-1, 1].T, sums[:, -1, 0], sums[:, -1, 1]
-
-
 def _abreast(part):
-    """Nodes of a bank, first axis, as groups: (groups, ..., GROUP)."""
-    pad = -len(part) % GROUP
-    if pad:
-        part = np.pad(part, [(0, pad)] + [(0, 0)] * (part.ndim - 1), mode="edge")
+    """Nodes of a bank, first axis, as groups: (groups, ..., GROUP); a copy."""
+    part = np.pad(part, [(0, -len(part) % GROUP)] + [(0, 0)] * (part.ndim - 1),
+                  mode="edge")
     part = part.reshape(-1, GROUP, *part.shape[1:])
-    return np.ascontiguousarray(np.moveaxis(part, 1, -1))
+    return np.moveaxis(part, 1, -1).copy()
+
+
+def _one_by_one(part, nodes):
+    """Groups (groups, ..., GROUP) as nodes (nodes, ...)."""
+    return np.moveaxis(part, -1, 1).reshape(-1, *part.shape[1:-1])[:nodes]
+
+
+def _start_abreast(b, records):
+    """Entries, Phi, Q, H and r of a bank, and x, P and sums before the first sample, as
+    `_advance_abreast` takes them.
+    """
+    Phi, Q, H, r, m0, P = map(_abreast, (b.Phi, b.Q, b.H, b.r, b.m0, b.P0))
+    x = np.repeat(m0[:, None], records + 1, 1)
+    x[:, -1] = 0.0
+    return (np.argwhere(b.Phi.any((0, 1))), Phi, Q, H, r, x, P,
+            np.zeros((len(x), records + 1, 2, GROUP)))
+
+
+def _sums_abreast(b, y, observed, stretches):
+    start = _start_abreast(b, len(y))
+    yield from _told(len(b.m0), y, start[-1], (
+        lambda y, begin, end, last_gap: _advance_abreast(
+            y, observed[begin:end], last_gap, begin, *start)), stretches)
 
 
 def _sums_modal(b, y, observed, stretches):
-    (nodes, n), records = b.m0.shape, len(y)
-    y = np.vstack([y, np.ones(y.shape[1])])
     own = modes(b)
-    a, q, r, P = (_abreast(part) for part in (own.a, own.q, own.r, b.P0.copy()))
-    x = np.zeros((len(a), records + 1, n, GROUP))
-    sums = np.zeros((len(a), records + 1, 2, GROUP))
-    for begin, end, _ in stretches:
-        _advance_modal(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
-                       begin, a, q, r, P, x, sums)
-        flat = np.moveaxis(sums, -1, 1).reshape(-1, records + 1, 2)[:nodes]
-        yield flat[:, :-1, 0].T, flat[:, :-1, 1].T, flat[:, -1, 0], flat[:, -1, 1]
+    a, q, r, P = map(_abreast, (own.a, own.q, own.r, b.P0))
+    x = np.zeros((len(a), len(y) + 1, a.shape[1], GROUP))
+    sums = np.zeros((len(a), len(y) + 1, 2, GROUP))
+    yield from _told(len(own.a), y, sums, (
+        lambda y, begin, end, last_gap: _advance_modal(
+            y, observed[begin:end], begin, a, q, r, P, x, sums)), stretches)
+
+
+def _told(nodes, y, sums, advance, stretches):
+    """Parts of `Sums` after every stretch of records with a row of ones."""
+    y = np.vstack([y, np.ones(y.shape[1])])
+    for begin, end, last_gap in stretches:
+        advance(np.ascontiguousarray(y[:, begin:end]), begin, end, last_gap)
+        own = _one_by_one(sums, nodes)
+        yield own[:, :-1, 0].T, own[:, :-1, 1].T, own[:, -1, 0], own[:, -1, 1]
 
 
 def _scalar_nodes(b, size=GROUP):
@@ -1852,12 +1958,11 @@ def estimate_state(y, estimate, dt):
     observed = 1.0 - np.isnan(y)
     offset = np.nanmean(y)
     columns = np.vstack([np.nan_to_num(y - offset), np.ones(len(y))])
-    M, n = b.m0.shape
-    x, P, sums = np.zeros((M, 2, n)), b.P0.copy(), np.zeros((M, 2, 2))
-    x[:, 0] = b.m0
-    _advance_general(columns, observed,
-                     np.flatnonzero(observed == 0).max(initial=-1), 0,
-                     b.Phi, b.Q, b.H, b.r, x, P, sums)
+    M, start = len(b.m0), _start_abreast(b, 1)
+    _advance_abreast(columns, observed, np.flatnonzero(observed == 0).max(initial=-1),
+                     0, *start)
+    x, P, sums = (_one_by_one(part, M) for part in start[-3:])
+    P = np.tril(P) + np.tril(P, -1).swapaxes(1, 2)
     score, information = sums[:, 0, 1], sums[:, 1, 0]
     variance = h.bias_sigma**2 / (1.0 + h.bias_sigma**2 * information)
     bias = -offset + variance * (score + offset * information)  # of the centred record

@@ -1,8 +1,10 @@
 """Fresh records of tests/generator.py, which shares no code with the module: verdicts
 against severity, beside the Bayes-optimal classifier and simple ones.
 
-Left: effects named rightly against severity (mean of the profiled nats); additive
-effects alone for the bound, which knows the severity and has no other effects to mind.
+Left: effects named rightly against severity, the signal-to-noise ratio that a matched
+filter would give an additive effect beside the best simulator without it (sqrt(2 D), D
+the mean divergence in nats); additive effects alone for the bound, which knows the
+severity and has no other effects to mind.
 Right: false alarms over records without an effect, half of them at the edges of the
 prior. The random forest needs scikit-learn (`pip install -e ".[bench]"`).
 """
@@ -21,12 +23,14 @@ from sensorlab.gap import signatures
 from sensorlab.gap.account import account
 from sensorlab.gap.directed import directed
 from sensorlab.gap.effects import Simulator, members
+from sensorlab.drawings.style import AFTER, BEFORE, INK, PALE, legend_above
 from figures import save, withheld
 from tests import generator
 
 SEED = 2026
 NONE, REPEATS, PAIRS, OUTSIDE = 1000, 5, 60, 10    # records: none; of each effect, ...
 TRAIN = 3000    # records that the forest learns from
+COLOURS = AFTER, "#7fb0dd", INK, BEFORE, PALE, "#b58a2e"
 
 
 def plan():
@@ -225,7 +229,7 @@ def labels(rows):
 
 
 def draw(rows, trees):
-    fig, (left, last) = plt.subplots(1, 2, figsize=(11.0, 4.4))
+    fig, (left, last) = plt.subplots(1, 2, figsize=(11.0, 4.6), width_ratios=(3, 2))
     single = [r for r in rows if r["level"] and "+" not in r["effects"]
               and r["effects"] not in generator.OUTSIDE]
     additive = [r for r in single if "bound" in r]
@@ -233,37 +237,43 @@ def draw(rows, trees):
     guess = {id(r): name for r, name in zip(rows, trees.predict(
         [r["features"] for r in rows]))} if trees else {}
     curves = {
-        "ours, all effects": (single, lambda r: withheld.right(r["effects"],
-                                                               r["report"])),
-        "ours, additive": (additive, lambda r: withheld.right(r["effects"],
-                                                              r["report"])),
+        "diagnose, all effects": (single, lambda r: withheld.right(r["effects"],
+                                                                   r["report"])),
+        "diagnose, additive": (additive, lambda r: withheld.right(r["effects"],
+                                                                  r["report"])),
         "Bayes-optimal, additive": (additive, lambda r: r["bound"] == r["effects"]),
         "largest correlation, additive": (additive, lambda r: r["correlation"]
                                           == r["effects"]),
         "Ljung-Box and Allan slopes": (single, lambda r: r["slopes"] == r["effects"])}
     if trees:
         curves["random forest"] = single, lambda r: guess[id(r)] == r["effects"]
-    nats = [np.mean([r["nats"] for r in additive if r["level"] == k]) for k in levels]
+    ratio = np.sqrt([2.0 * np.mean([r["nats"] for r in additive if r["level"] == k])
+                     for k in levels])
     for number, (label, (own, hit)) in enumerate(curves.items()):
         hits = [[hit(r) for r in own if r["level"] == k] for k in levels]
-        left.errorbar(nats, [np.mean(h) for h in hits], color=f"C{number}", label=label,
-                      marker="o", capsize=2, yerr=np.abs(np.transpose([
-                          np.subtract(withheld.interval(sum(h), len(h)), np.mean(h))
+        aside = 1.01**(number - 2.5)    # so that no bar hides another
+        left.errorbar(aside * ratio, [100.0 * np.mean(h) for h in hits], label=label,
+                      color=COLOURS[number], marker="o", capsize=2,
+                      yerr=100.0 * np.abs(np.transpose([np.subtract(
+                          withheld.interval(sum(h), len(h)), np.mean(h))
                           for h in hits])))
-    left.set(xscale="log", ylabel="fraction named rightly", ylim=(-0.03, 1.03),
-             xlabel="severity: mean profiled nats of the additive effects")
-    left.legend(fontsize=8)
+    left.set(xscale="log", ylabel="named rightly, %", ylim=(-3.0, 103.0),
+             xlabel="severity: signal-to-noise ratio at a matched filter")
+    legend_above(left)
     none = [r for r in rows if r["effects"] == "none"]
-    said = {"ours": [withheld.false_alarm("none", r["report"]) for r in none],
+    said = {"diagnose": [withheld.false_alarm("none", r["report"]) for r in none],
             "correlation": [r["correlation"] != "none" for r in none],
             "Ljung-Box": [r["slopes"] != "none" for r in none]}
     if trees:
         said["random forest"] = [guess[id(r)] != "none" for r in none]
     for at, hits in enumerate(said.values()):
-        last.bar(at, np.mean(hits), color="tab:red", alpha=0.7)
-        last.plot([at, at], withheld.interval(sum(hits), len(hits)), "k-")
+        last.bar(at, 100.0 * np.mean(hits), color=BEFORE, alpha=0.7)
+        last.plot([at, at], 100.0 * np.array(withheld.interval(sum(hits), len(hits))),
+                  "-", color=INK)
+    last.grid(axis="x", visible=False)
     last.set_xticks(range(len(said)), list(said), rotation=20)
-    last.set(ylabel="false alarms", title=f"{len(none)} records without an effect")
+    last.set(ylabel="an effect named, %",
+             title=f"{len(none)} records without an effect")
     return fig
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import figures
 import sensorlab
 from figures import save, withheld
+from sensorlab.drawings.style import AFTER, BEFORE, legend_above
 
 REAL = pathlib.Path(__file__).parents[2] / "shared" / "data" / "real"
 SEED, N, DT = 16405, 4000, 0.01
@@ -86,6 +87,12 @@ def nats(shape, clean, lags=32):
     return 0.5 * np.sum(white**2) / variance
 
 
+def ratio(size):
+    """The signal-to-noise ratio that a matched filter gives an effect of so many nats.
+    """
+    return np.sqrt(2.0 * size)
+
+
 def cases():
     """(what, name, axis number, run, first sample, nats) of every diagnosis."""
     for number in range(len(AXES)):
@@ -152,7 +159,7 @@ def table(result):
         if own:
             k = sum(right(c, one) for c, one in own)
             low, high = withheld.interval(k, len(own))
-            text = f"{what} {size:g} nats" if size else what
+            text = f"{what}, ratio {ratio(size):.3g}" if size else what
             lines.append(f"{text:<20}{k:>3} of {len(own):<4}"
                          f"[{100 * low:.0f}, {100 * high:.0f}] %")
     lines += [f"{' '.join(map(str, c)):<44} {one['verdict']}"
@@ -166,13 +173,17 @@ def draw(result):
     for at, name in enumerate(SHAPES):
         for c in own:
             if c[1] == name:
-                ax.plot(c[-1], at, "o" if right(c, result[c]) else "x", color="tab:blue"
-                        if right(c, result[c]) else "tab:red", markersize=9)
+                ax.plot(ratio(c[-1]), at, "o" if right(c, result[c]) else "x",
+                        color=AFTER if right(c, result[c]) else BEFORE, markersize=9)
     ax.set_yticks(range(len(SHAPES)), list(SHAPES))
-    ax.set_xticks(NATS, [f"{size:g}" for size in NATS])
-    ax.set(xscale="log", xlabel="nats of the effect in a real stretch",
-           title="o: in the verdict, x: not")
+    ax.plot([], [], "o", color=AFTER, markersize=9, label="in the verdict")
+    ax.plot([], [], "x", color=BEFORE, markersize=9, label="not")
+    ax.set_xticks([ratio(size) for size in NATS],
+                  [f"{ratio(size):.2g}" for size in NATS])
+    ax.set(xscale="log", xlabel="signal-to-noise ratio of the effect at a matched "
+           "filter, in a real stretch")
     ax.minorticks_off()
+    legend_above(ax)
     return fig
 
 

@@ -31,6 +31,8 @@ END = dict(type=["number", "null"])
 # what readings take
 READINGS = dict(
     lsb=dict(type="number", **POSITIVE),
+    frequency=dict(type="number", **POSITIVE),
+    phase=dict(type="number", **NOT_NEGATIVE),
     limits=dict(type="array", items=END, minItems=2, maxItems=2),
     spans=dict(type="array", items=dict(
         type="array", minItems=2, maxItems=2,
@@ -105,7 +107,7 @@ def _of_effect(effect):
         parameters = {symbol: _prior(symbol) for symbol in needed + optional}
     psi = psi_of(scene, effect, {p.symbol: p.mean for p in effect.parameters(scene)})
     variants = [name for name, _ in effect.columns(
-        scene, np.arange(8.0), psi)] if effect.columns else []
+        scene, np.arange(8.0), psi)] if effect.columns else effect.variants
     return dict(
         properties=dict(
             parameters=_object(needed, **parameters),

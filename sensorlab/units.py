@@ -14,6 +14,9 @@ from typing import Callable, NamedTuple
 
 import numpy as np
 
+from sensorlab.gap.sizes import measured
+from sensorlab.tables import Table
+
 # mg is a thousandth of the standard gravity (ISO 80000-3), not a milligram
 DEFINITIONS = """\
 radian = [angle] = rad
@@ -220,9 +223,9 @@ def _own(q, unit):
 
 
 def quote_table(found):
-    """What `quoted` gives as lines of text."""
-    return "\n".join(f"{q.name:<34}{q.mean:.4g}" + (f" +- {q.sd:.2g}" if q.sd else "")
-                     + f" {q.unit}    ({q.formula})" for q in found)
+    """What `quoted` gives as a `Table`."""
+    return Table(("as data sheets quote it", "value", "formula"), tuple(
+        (q.name, f"{measured(q.mean, q.sd)} {q.unit}", q.formula) for q in found))
 
 
 # ---- data sheets say more than our models

@@ -15,7 +15,7 @@ import sensorid as s
 from sensorlab import Scene
 from sensorlab.gap import evidence, filters
 from sensorlab.gap.kernels import (
-    ABREAST, KERNEL, groups, in_threads, predict_covariance, predict_state,
+    ABREAST, KERNEL, groups, in_threads, load, predict_covariance, predict_state,
     update_covariance, update_state)
 
 SCENE = Scene(s.simulate(MODEL[:1], DT, 20000, seed=2).error[0], DT, {})
@@ -29,26 +29,22 @@ def nodes(h, count=64):
 
 
 @njit(**KERNEL)
-def bank_of_steps(first, last, y, modes, r, sums):
+def bank_of_steps(first, last, y, h, own, pair, r, sums):
     """chi2 and log_det (2, M) of a record without gaps and bias."""
-    M, n = modes.shape[1:]
-    h = np.ones(n)
+    M, n = own.shape[1:]
     for group in range(first, last):
-        a, q = np.empty((n, ABREAST)), np.empty((n, ABREAST))
-        P, x = np.zeros((n, n, ABREAST)), np.zeros((n, ABREAST))
+        node = np.minimum(group * ABREAST + np.arange(ABREAST), M - 1)
+        parts = np.empty((6, n, ABREAST))
+        P, x = np.empty((n, n, ABREAST)), np.zeros((n, ABREAST))
         Ph, f, nu = np.empty((n, ABREAST)), np.empty(ABREAST), np.empty(ABREAST)
         weight, gain = np.empty(ABREAST), np.empty(ABREAST)
         chi2, log_det = np.zeros(ABREAST), np.zeros(ABREAST)
-        for g in range(ABREAST):
-            node = min(group * ABREAST + g, M - 1)
-            for k in range(n):
-                a[k, g], q[k, g] = modes[0, node, k], modes[1, node, k]
-                P[k, k, g] = modes[2, node, k]
+        load(own, pair, node, parts, P)
         for i in range(len(y)):
             for g in range(ABREAST):
                 f[g], nu[g] = r[min(group * ABREAST + g, M - 1)], y[i]
-            predict_covariance(a, q, h, P, Ph, f)
-            predict_state(a, h, x, nu)
+            predict_covariance(parts, pair, h, P, Ph, f)
+            predict_state(parts, pair, h, x, nu)
             for g in range(ABREAST):
                 weight[g] = 1.0 / f[g]
                 gain[g] = nu[g] * weight[g]
@@ -62,10 +58,10 @@ def bank_of_steps(first, last, y, modes, r, sums):
 
 
 def of_steps(b):
-    own = s.modes(b)
+    one = filters.parts_of(None, b)
     sums = np.empty((2, len(b.r)))
-    in_threads(bank_of_steps, groups(len(b.r)), SCENE.y, np.array(own[:3]),
-               own.r[:, 0].copy(), sums)
+    in_threads(bank_of_steps, groups(len(b.r)), SCENE.y, one.h, one.own, one.pair,
+               one.r[:, 0].copy(), sums)
     return sums
 
 

@@ -113,7 +113,7 @@ def test_general_kernel_follows_matrices_that_vary_with_time():
         assert_allclose(actual[record, 0], total, rtol=1e-9)
 
 
-def test_the_three_kernels_agree_also_after_gains_have_converged():
+def test_the_kernels_agree_also_after_gains_have_converged():
     h = make("markov", (30.0, 1.0, 0.5))
     theta = [(30.0, 1.0, 0.5), (5.0, 0.5, 0.7)]
     y = s.simulate([h], 1.0, 20001, 1, seed=7).error

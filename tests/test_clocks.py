@@ -15,7 +15,8 @@ RNG = np.random.default_rng(5)
     ("time", ()), ("t", ()), ("Timestamp", ()), ("TimeUS", "us"), ("time_ms", "ms"),
     ("timestamp [ns]", "ns"), ("#timestamp [ns]", "ns"), ("time (s)", "s"),
     ("timestamp_\u00b5s", "us"), ("seconds", "s"), ("header/stamp [ns]", "ns"),
-    ("Time since boot [usec]", "us"), ("t_sec", "s"), ("seconds_elapsed", "s")])
+    ("Time since boot [usec]", "us"), ("SampleUS", "us"), ("t_sec", "s"),
+    ("seconds_elapsed", "s")])
 def test_a_clock_and_its_unit_are_known_by_name(name, unit):
     found = unit_of(name)
     assert found == unit or found[0] == unit
@@ -36,7 +37,8 @@ def test_what_is_no_clock_is_not_taken_for_one(name):
     (1_700_000_000_000_000_000 + 10_000_000 * I, "dt 10 ms from time, taken as ns"),
     ((4000 * I).astype(np.uint64), "dt 4 ms from time, taken as us"),
     (5_000_000.0 * I, "dt 5 ms from time, taken as ns"),
-    (60 * I, "dt 60 s from time"),
+    (60 * I, "dt 60 s from time"), (I, "dt 1 s from time"),
+    (10 * I, "dt 10 ms from time, taken as ms"), (10.0 * I, "dt 10 s from time"),
     (pd.date_range("2026-01-31", periods=1000, freq="5ms").to_numpy(),
      "dt 5 ms from time, dates"),
     (pd.date_range("2026-01-31", periods=1000, freq="5ms", tz="UTC").map(
@@ -97,6 +99,25 @@ def test_an_uneven_clock_is_interpolated_at_its_mean_step_if_asked():
 
 def test_stamps_that_mostly_stand_still_are_interpolated_at_the_mean():
     assert clock("t", np.array([-1.0, 0.0, 0.0, 0.0]), resample=True).dt == 1.0 / 3.0
+
+
+def test_bursts_whose_stamps_are_whole_milliseconds_are_bursts():
+    found = clock("time_ms", 50 * (I // 5) + 2 * (I % 5))
+    assert found.slots is None and "at the mean rate" in found.said
+    assert_allclose(found.dt, 0.01, rtol=0.01)
+    lost = clock("time_ms", 10 * np.delete(I, I[100:950]))    # one gap is a gap
+    assert_array_equal(lost.slots, np.delete(I, I[100:950]))
+
+
+def test_gaps_of_any_length_leave_the_rest_even():
+    """As in a log of ArduPilot: steps that jitter by 15 %, and a reboot."""
+    part = np.repeat([0, 1, 2], [400, 350, 250])
+    time = 0.02 * I + np.array([0.0, 8.373, 422.53])[part]
+    found = clock("time", time + RNG.uniform(-0.0029, 0.0029, 1000))
+    assert_allclose(found.dt, 0.02, rtol=1e-4)
+    assert "but for 2 gaps" in found.said
+    assert_array_equal(np.diff(found.slots)[np.diff(part) == 0], 1)
+    assert_allclose(found.slots * found.dt, time, atol=0.012)
 
 
 def test_bursts_far_apart_are_bursts():

@@ -152,7 +152,6 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify r.npz --json r.npz", "is named twice"),
     ("identify r.npz --json a.json --save-model ./a.json", "is named twice"),
     ("identify r.npz --hypotheses markov,markov", "named twice"),
-    ("identify r.npz --hypotheses=", "unknown hypothesis"),
     ("simulate m.json --like . --out s.npz", "no such file, but a folder"),
     ("criteria m.json --duration 1e300", "record less"),
     ("criteria m.json --duration 50 --checkpoint m.json", "a folder is needed"),
@@ -161,7 +160,12 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify r.npz --dt 1 --resample", "--resample does nothing beside --dt"),
     ("diagnose --effects --out d", "--out does nothing beside --effects"),
     ("diagnose --effects --dt 1", "--dt goes with a record"),
-    ("simulate m.json --samples 9 --dt 1 --out s.npz", "--dt goes with --like"),
+    ("diagnose --effects --average 2", "--average goes with a record"),
+    ("diagnose --effects --seed 1", "--seed does nothing beside --effects"),
+    ("identify r.npz --compose --workers 2", "--workers does nothing beside --comp"),
+    ("simulate m.json --samples 9 --dt 2 --out s.npz", "m.json is for dt = 1 s, not"),
+    ("simulate m.json --samples 9 --from 2 --out s.npz", "--from goes with --like"),
+    ("simulate m.json --samples 9 --average 2 --out s.npz", "--average goes with"),
     ("criteria m.json --duration -5", "0 < dt <= duration"),
     ("criteria m.json --duration 50 --trials 1", "at least 16"),
 ])
@@ -183,6 +187,8 @@ def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, messag
     ("criteria m.json --duration 9 --seed -1", "--seed"),
     ("identify r.npz --json=", "the name is empty: is a variable of the shell not set"),
     ("identify r.npz --model=", "the name is empty"),
+    ("identify r.npz --unit=", "it is empty: is a variable of the shell not set"),
+    ("identify r.npz --hypotheses=", "it is empty"),
     ("guess\x1b[2J", "guess\\x1b[2J")])
 def test_a_bad_command_gets_one_line(folder, capsys, line, message):
     with pytest.raises(SystemExit) as stop:

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
 from sensorid import identify
-from sensorlab import read
+from sensorlab import read, read_axes
 from sensorlab.readers import apart
 
 N = 50
@@ -108,6 +108,10 @@ def test_ros_bags_of_both_versions_and_mcap(tmp_path, kind):
         record = read(source, name)
         assert_array_equal(record.error, Y[1])
         assert record.clock == "dt 10 ms from header/stamp [ns]"
+    assert_array_equal(read(source, "imu/angular_velocity/y").error, Y[1])
+    with pytest.raises(ValueError, match="may be .*orientation/y, .*velocity/y"):
+        read(source, "imu/y")
+    assert [r.column[-1] for r in read_axes(source, "imu/angular_velocity")] == [*"xyz"]
     with pytest.raises(ValueError, match="angular_velocity is not one of .*velocity/x, "
                        ".*velocity/y, .*velocity/z"):
         read(source, "angular_velocity")
@@ -143,6 +147,8 @@ def test_logs_of_px4(tmp_path):
         read(tmp_path / "r.ulg", "gyro_rad[1]")
     with pytest.raises(ValueError, match="rad is not one of sensor_combined/gyro_rad"):
         read(tmp_path / "r.ulg", "sensor_combined/gyro_rad")
+    assert [r.column for r in read_axes(tmp_path / "r.ulg", "sensor_combined/gyro_rad")
+            ] == [f"sensor_combined/gyro_rad[{k}]" for k in range(3)]
 
 
 def write_dataflash(file):
@@ -165,6 +171,35 @@ def test_logs_of_ardupilot(tmp_path):
     record = read(tmp_path / "r.bin", "IMU/GyrY")
     assert_allclose(record.error, Y[1], rtol=1e-6)
     assert record.clock == "dt 10 ms from TimeUS"
+
+
+def test_logs_of_ardupilot_with_several_sensors(tmp_path):
+    """Messages as LogStructure.h of AP_InertialSensor has them since version 4.0: one
+    for every sensor, with its number, and the time when the sample was taken.
+    """
+    pytest.importorskip("pymavlink")
+
+    def fmt(number, length, name, types, columns):
+        return b"\xa3\x95\x80" + struct.pack(
+            "<BB4s16s64s", number, length, name, types, columns)
+    content = fmt(128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    content += fmt(129, 44, b"FMTU", b"QBNN", b"TimeUS,FmtType,UnitIds,MultIds")
+    content += fmt(130, 32, b"GYR", b"QBQfff", b"TimeUS,I,SampleUS,GyrX,GyrY,GyrZ")
+    content += b"\xa3\x95\x81" + struct.pack("<QB16s16s", 0, 130, b"s#sEEE", b"F-F000")
+    rng = np.random.default_rng(2)
+    for k in range(N):
+        for number in (0, 1):
+            content += b"\xa3\x95\x82" + struct.pack(
+                "<QBQ3f", 10_000 * k + int(rng.integers(90_000)), number,
+                10_000 * k + 5, *((1 + number) * Y[:, k]))
+    (tmp_path / "r.bin").write_bytes(content)
+    for name, times in (("GYR/GyrZ", 1), ("GYR#1/GyrZ", 2)):
+        record = read(tmp_path / "r.bin", name, beside=None)
+        assert_allclose(record.error, times * Y[2], rtol=1e-6)
+        assert record.clock == "dt 10 ms from SampleUS"    # not when it was written
+        assert list(record.columns) == ["I"]
+    assert [r.column for r in read_axes(tmp_path / "r.bin", "GYR")] == [
+        f"GYR/Gyr{axis}" for axis in "XYZ"]
 
 
 @pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet", ".bag", ".db3", ".mcap",
@@ -202,11 +237,15 @@ def test_objects_of_python(tmp_path):
     assert_array_equal(record.error, Y[0])
     assert record.dt == pytest.approx(0.01) and record.file == "DataFrame"
     assert_array_equal(record.columns["temperature"], TEMPERATURE)
-    assert_array_equal(read(table["gx"]).error, Y[0])
+    for name in ("gx", "error"):    # the only channel beside its times
+        assert_array_equal(read(table["gx"], name).error, Y[0])
     array = xr.DataArray(Y, dims=("axis", "time"), coords=dict(
         time=times.tz_convert(None)), name="gyro")
     assert_array_equal(read(array, "gyro[2]").error, Y[2])
     assert_array_equal(read(array.to_dataset(), "gyro[2]").error, Y[2])
+    assert_array_equal(read(array[0].rename("gx")).error, Y[0])
+    assert repr(read(table["gx"])) == (
+        "<Recording Series, column gx: 50 samples, dt 10 ms from time, dates>")
     assert read(dict(error=Y[0], time=0.5 * np.arange(N))).dt == 0.5
     assert_array_equal(read(Y[1].tolist(), dt=0.01).error, Y[1])
     with pytest.raises(ValueError, match="a int is no source of records"):
@@ -230,6 +269,10 @@ def test_a_clock_and_a_dt_that_disagree_are_refused():
     with pytest.raises(ValueError, match="time says dt = 0.01 s, but 0.02 s is given"):
         read(arrays, dt=0.02)
     assert read(arrays, dt=0.01).clock == "dt 10 ms as given"
+    guessed = dict(error=Y[0], time=10 * np.arange(N))    # ms, if nothing says more
+    assert read(guessed).dt == 0.01 and read(guessed, dt=10.0).dt == 10.0
+    with pytest.raises(ValueError, match="time says dt = 0.01 s, but 0.02 s is given"):
+        read(guessed, dt=0.02)
     jumping = dict(arrays, time=np.random.default_rng(0).uniform(size=N))
     assert read(jumping, dt=0.02).clock == "dt 20 ms as given"
     assert read(dict(arrays, dt=0.01)).clock == "dt 10 ms from time"

@@ -12,9 +12,22 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sensorid
 import sensorlab
 from sensorlab import Found, Scene
-from sensorlab.gap import causes, diagnosis
+from sensorlab.gap import account, causes, diagnosis, effects
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
+
+
+def test_columns_may_be_a_table():
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    rng = np.random.default_rng(3)
+    y, T = rng.standard_normal((2, 200))
+    answers = [sensorlab.diagnose(y, 1.0, WHITE, columns, trials=29, effects=[
+        sensorlab.CATALOGUE["temperature"]]) for columns in (
+            dict(temperature=T), pandas.DataFrame(dict(temperature=T)),
+            xarray.Dataset(dict(temperature=("time", T))))]
+    assert all([c.probability for c in a.causes] == [
+        c.probability for c in answers[0].causes] for a in answers)
+    assert any(c.effect == "temperature" for c in answers[1].causes)
 
 
 def test_means_that_a_simulator_expects():
@@ -121,6 +134,54 @@ def test_what_drifts_returns_or_lags_is_named(effect):
         assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
 
 
+@pytest.mark.parametrize("effect, variant, values", [
+    ("narrow_band_noise", "", dict(frequency=0.19, tau=20.0, sigma=0.4)),
+    ("bandwidth", "second order", dict(tau=0.7)),
+    ("blue_noise", "", dict(tau=1.0, sigma=0.8)), *(
+        pytest.param(*one, marks=pytest.mark.large) for one in (
+            ("narrow_band_noise", "", dict(frequency=0.02, tau=100.0, sigma=0.5)),
+            ("bandwidth", "first order", dict(tau=0.7)),
+            ("correlated_noise", "", dict(tau=6.0, sigma=0.5))))])
+def test_a_colour_is_named(effect, variant, values):
+    truth = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    one = Found(EFFECTS[effect], "", variant, account.fixed(**values))
+    y = sensorlab.simulate_effects(sensorlab.Simulator((truth,), ((one,),)), Scene(
+        np.zeros(1500), DT, {}), seed=11).error[0]
+    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise",
+                                                       sigma_v=(0.5, 2.0))])
+    assert d.verdict == effect
+    (found,) = d.found
+    assert found.variant == variant and (not variant or found.share > 0.8)
+    for symbol, (mean, sd) in found.values.items():
+        assert abs(mean - values[symbol]) < 4.0 * sd, symbol
+    (saved,) = sensorlab.augmented(d).effects[0]
+    assert (saved.name, saved.variant) == (effect, variant)
+
+
+def test_two_bands_are_two_and_stay_two_in_a_file(tmp_path):
+    truth = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    bands = [Found(EFFECTS["narrow_band_noise"], values=account.fixed(
+        frequency=f, tau=25.0, sigma=0.5)) for f in (0.07, 0.31)]
+    simulator = sensorlab.Simulator((truth,), (tuple(bands),))
+    y = sensorlab.simulate_effects(simulator, Scene(np.zeros(1500), DT, {}),
+                                   seed=5).error[0]
+    (h,) = effects.members(simulator, Scene(y, DT, {}))
+    assert [key for key, _ in h.keys[1::3]] == ["narrow_band_noise",
+                                                "narrow_band_noise_2"]
+    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise",
+                                                       sigma_v=(0.5, 2.0))])
+    assert d.verdict == "narrow_band_noise+narrow_band_noise"
+    found = sorted(one.values["frequency"] for one in d.found)
+    for (mean, sd), f in zip(found, (0.07, 0.31)):
+        assert abs(mean - f) < 4.0 * sd
+    assert all(part.share > 0.1 for part in d.parts)
+    (tmp_path / "m.json").write_text(sensorlab.model_text(sensorlab.Model(
+        DT, "u", sensorlab.augmented(d))))
+    saved = sensorlab.read_model(tmp_path / "m.json").simulator
+    assert len(saved.effects[0]) == 2
+    assert sensorlab.diagnose(y, DT, saved).verdict in ("none", "undecided")
+
+
 def test_a_wrong_parameter_is_named_with_its_factor():
     wrong = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=7.0)]
     true = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)]
@@ -130,6 +191,21 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     assert d.found[0].values["parameter"][0] == "sigma_v"
     factor, sd = d.found[0].values["factor"]
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
+
+
+def test_wrong_units_are_one_factor_on_all_standard_deviations():
+    said = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)]
+    y = 9.80665 * sensorid.simulate(said, DT, 1500, seed=4).error[0]
+    d = sensorlab.diagnose(y, DT, said)
+    assert d.verdict == "wrong_parameter"
+    assert d.found[0].values["parameter"][0] == "all"
+    factor, sd = d.found[0].values["factor"]
+    assert abs(factor - 9.80665) < 3.0 * sd < 1.0
+    (h,) = sensorlab.augmented(d).hypotheses
+    assert_allclose([p.mean for p in h.parameters], [0.980665, 4.90333], rtol=0.1)
+    assert sensorlab.augmented(d).effects == ((),)
+    again = sensorlab.diagnose(y, DT, sensorlab.augmented(d))
+    assert again.verdict in ("none", "undecided")
 
 
 def test_a_sensor_noisier_than_its_range_has_no_change_of_noise():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import DT, MODEL, member
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 import sensorid
@@ -11,14 +12,26 @@ from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
 from sensorlab.gap import filters
 
 
-@pytest.mark.parametrize("name", ["random_walk", "correlated_noise",
-                                  "bias_instability", "bandwidth", "noise_step"])
-def test_processes_have_the_covariance_that_is_written(name):
+def shaped(numerator, denominator, lag):
+    """Covariance at some lags of white noise through a rational filter."""
+    pulse = np.zeros(2000)
+    pulse[0] = 1.0
+    response = lfilter(numerator, denominator, pulse)
+    return np.correlate(response, response, "full")[1999:][lag]
+
+
+@pytest.mark.parametrize("name, variant", [
+    ("random_walk", ""), ("correlated_noise", ""), ("bias_instability", ""),
+    ("narrow_band_noise", ""), ("bandwidth", "first order"), ("blue_noise", ""),
+    ("bandwidth", "second order"), ("noise_step", "")])
+def test_processes_have_the_covariance_that_is_written(name, variant):
     scene = Scene(np.zeros(200), DT, {})
-    h = member(scene, MODEL[1], name)
+    h = member(scene, MODEL[1]).with_effect(CATALOGUE[name], variant)
     t, eye = np.arange(200), np.eye(200)
     lag = np.abs(t[:, None] - t)
-    base = 0.81 * np.exp(-lag / 300.0)
+    base, a = 0.81 * np.exp(-lag / 300.0), np.exp(-0.5)
+    # Butterworth's two poles at tau = 2
+    poles = np.poly(np.exp(-0.5 * np.exp([0.25j * np.pi, -0.25j * np.pi]))).real
     own, expected = {
         "random_walk": ((0.1,), base + 0.16 * eye + 0.01 * np.minimum.outer(
             t + 1, t + 1)),
@@ -26,13 +39,28 @@ def test_processes_have_the_covariance_that_is_written(name):
                              + 0.36 * np.exp(-lag / 7.0)),
         "bias_instability": ((0.6,), base + 0.16 * eye + 0.36 * np.log10(20.0) / 2 * (
             np.exp(-lag / 20.0) + np.exp(-lag))),
+        "narrow_band_noise": ((0.12, 30.0, 0.6), base + 0.16 * eye + 0.36 * np.exp(
+            -lag / 30.0) * np.cos(2.0 * np.pi * 0.12 * lag)),
         "bandwidth": ((2.0,), base + 0.16 * np.tanh(0.25) * np.exp(-lag / 2.0)),
+        "bandwidth second order": ((2.0,), base + 0.16 * shaped(
+            [np.sum(poles)], poles, lag)),
+        "blue_noise": ((2.0, 0.6), base + 0.16 * eye + 0.36 * 0.5 * (1.0 + a) * shaped(
+            [1.0, -1.0], [1.0, -a], lag)),
         "noise_step": ((120.0, 3.0), base + 0.16 * eye * np.where(t >= 120, 9, 1)),
-    }[name]
+    }[f"{name} {variant}".replace(" first order", "").strip()]
     theta = np.array([[300.0, 0.9, 0.4, *own]])
     y = np.random.default_rng(5).standard_normal(200)
-    assert_allclose(filters.log_likelihoods(h, scene._replace(y=y), (), theta),
-                    multivariate_normal(cov=expected + 1.0).logpdf(y), rtol=1e-9)
+    y[50:60] = np.nan
+    seen = ~np.isnan(y)
+    dense = multivariate_normal(cov=(expected + 1.0)[np.ix_(seen, seen)])
+    scene = scene._replace(y=y)
+    for log_likelihood in (
+            filters.log_likelihoods(h, scene, (), theta),
+            filters.predict(h, scene, (), theta).log_likelihood[0]):
+        assert_allclose(log_likelihood, dense.logpdf(y[seen]), rtol=1e-8)
+    if name != "noise_step":
+        assert_allclose(filters.solve(h, scene, (), theta).base,
+                        dense.logpdf(y[seen]), rtol=1e-8)
 
 
 def test_flicker_noise_has_the_spectrum_of_the_standard():
@@ -98,8 +126,8 @@ def test_simulated_noises_have_the_variance_that_is_written():
     def altered(*effects):
         return simulate_effects(Simulator((h,), (effects,)), scene, seed=2).error[0]
 
-    def drawn(effect, **values):
-        return altered(Found(CATALOGUE[effect], values={
+    def drawn(effect, variant="", **values):
+        return altered(Found(CATALOGUE[effect], variant=variant, values={
             k: sensorid.Parameter(k, v, v) for k, v in values.items()}))
     y = drawn("noise_step", onset=10000.0, ratio=2.0)
     assert_allclose([y[:10000].std(), y[10000:].std()], [1.0, 2.0], rtol=0.03)
@@ -107,6 +135,19 @@ def test_simulated_noises_have_the_variance_that_is_written():
     y = drawn("bandwidth", tau=3.0)
     a = np.exp(-1 / 3)
     assert_allclose(y.var(), (1 - a) / (1 + a), rtol=0.05)
+    assert drawn("narrow_band_noise", frequency=0.02, tau=5.0, sigma=9.0).var() < 1.1
+    y = drawn("narrow_band_noise", frequency=0.2, tau=5.0, sigma=2.0)
+    seen = [np.mean(y[k:] * y[:len(y) - k]) for k in (0, 2, 5)]
+    assert_allclose(seen, [5.0, 4.0 * np.exp(-0.4) * np.cos(0.8 * np.pi),
+                           4.0 * np.exp(-1.0)], atol=0.15)
+    y = drawn("bandwidth", tau=1.0, variant="second order")
+    low = np.exp(-np.exp([0.25j * np.pi, -0.25j * np.pi]))
+    expected = lfilter([np.poly(low).real.sum()], np.poly(low).real,
+                       np.random.default_rng(0).standard_normal(10**5))
+    assert_allclose(y.var(), expected.var(), rtol=0.04)
+    y = drawn("blue_noise", tau=2.0, sigma=3.0)
+    seen = [np.mean(y[k:] * y[:len(y) - k]) for k in (0, 1)]
+    assert_allclose(seen, [10.0, -4.5 * (1.0 - np.exp(-0.5))], rtol=0.05)
     assert_allclose(drawn("outliers", rate=0.02, sigma=8.0).var(), 2.28, rtol=0.25)
     y = drawn("random_telegraph", dwell=30.0, size=6.0)
     assert_allclose(y.var(), 10.0, rtol=0.1)
@@ -117,3 +158,24 @@ def test_simulated_noises_have_the_variance_that_is_written():
         ("stuck", dict(spans=[[100.0, 20]])))))
     assert y.min() == -1.0 and y.max() == 2.0 and len(np.unique(y)) <= 13
     assert (y[100:120] == y[100]).all()
+
+
+@pytest.mark.parametrize("name, variant", [
+    (e.name, v) for e in CATALOGUE.values() if e.model and not e.reading
+    for v in e.variants or ("",)])
+def test_a_bank_with_effects_is_that_of_its_filters(name, variant):
+    scene = Scene(np.sin(np.arange(200.0)), DT, {})
+    h = sensorid.hypothesis("markov", tau_m=(1.0, 100.0), sigma_m=(0.1, 1.0),
+                            sigma_v=(0.5, 2.0))
+    m = member(scene, h).with_effect(CATALOGUE[name], variant).with_effect(
+        CATALOGUE["bias_instability" if name != "bias_instability"
+                  else "correlated_noise"])
+    theta = sensorid.at_quantiles(m.parameters, np.random.default_rng(1).random(
+        (7, len(m.parameters))))
+    assert m.elementwise
+    b = sensorid.bank(m, DT, theta)
+    for node, row in enumerate(theta):
+        one = sensorid.shaping_filter(*m.filter(DT, row))
+        for part, expected in zip(b, (one.Phi, one.Gamma @ one.Gamma.swapaxes(1, 2),
+                                      one.H, one.Psi**2, one.m0, one.P0)):
+            assert_allclose(part[node], expected, rtol=1e-12)

@@ -3,14 +3,16 @@
 import itertools
 
 import generator
+import naive
 import numpy as np
-from conftest import DT, dense, member, paper_case
-from numpy.testing import assert_allclose
+from conftest import DT, MODEL, dense, member, paper_case
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal, norm
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene
-from sensorlab.gap import filters, scans, signatures
+from sensorlab.gap import filters, kernels, scans, signatures
+from sensorlab.gap.catalogue import join
 
 
 def test_severity_is_that_of_the_dense_covariance():
@@ -91,6 +93,63 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
                   * norm.pdf(y, (path - 0.5) * size, 0.5).prod())
     p = filters.predict(h, scene, (), np.array([[0.5, dwell, size]]))
     assert_allclose(p.log_likelihood[0, 0], np.log(total), rtol=1e-10)
+
+
+def test_processes_of_two_states_are_those_of_the_dense_gaussian():
+    y = np.random.default_rng(2).standard_normal(60)
+    y[20:25] = np.nan
+    scene = Scene(y, DT, {})
+    h = member(scene, MODEL[1], "narrow_band_noise").with_effect(
+        CATALOGUE["bandwidth"], "second order")
+    theta = np.array([p.mean for p in h.parameters])[None]
+    f, seen = h.filter(DT, theta[0]), ~np.isnan(y)
+    C = h.bias_sigma**2 + naive.covariance(f.Phi[0], f.Gamma[0], f.H,
+                                           f.Psi * np.ones((60, 1)), f.P0, 60)
+    C, y = C[np.ix_(seen, seen)], y[seen]
+    expected = multivariate_normal(cov=C).logpdf(y)
+    assert_allclose(filters.predict(h, scene, (), theta).log_likelihood, expected,
+                    rtol=1e-9)
+    assert_allclose(filters.log_likelihoods(h, scene, (), theta), expected, rtol=1e-9)
+    assert_allclose(filters.solve(h, scene, (), theta).residual[0, seen],
+                    np.linalg.solve(C, y), rtol=1e-7, atol=1e-9)
+
+
+def test_the_axes_of_a_process_of_two_states_do_not_matter():
+    y = np.random.default_rng(2).standard_normal((2, 60))
+    y[:, 20:25] = np.nan
+    r, outlier = np.array([[0.3], [0.2]]), np.array([[0.05, 9.0]] * 2)
+    jump = np.array([[0.1, 0.7]] * 2)
+    band = sensorid.shaping_filter(*np.array([
+        [[0.6, -0.7], [0.7, 0.6]], [[0.5, 0.1], [0.0, 0.4]]]), [1.0, 0.0], 0.0, None,
+        [[1.0, 0.2], [0.2, 0.8]])
+    said = []
+    for axes in (np.eye(2), np.array([[1.0, 0.4], [-0.8, 0.7]])):
+        back = np.linalg.inv(axes)
+        turned = sensorid.shaping_filter(axes @ band.Phi[0] @ back,
+                                         axes @ band.Gamma[0], band.H[0] @ back, 0.0,
+                                         None, axes @ band.P0 @ axes.T)
+        h = sensorid.hypothesis(lambda dt: join(turned, (0.9, 0.4, 1.0)), "turned")
+        one = filters.parts_of(h, sensorid.bank(h, DT, np.empty((2, 0))))
+        assert_array_equal(one.pair, [1, 0, 2])
+        out = np.full((2, 2, 4, 60), np.nan)
+        total = kernels.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
+                                        r, outlier, jump, out)
+        said.append((total, out, *kernels.adjoint(
+            np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, r)))
+    for one, other in zip(*said):
+        assert_allclose(one, other, rtol=1e-9, atol=1e-11)
+
+
+def test_a_filter_that_is_no_sum_of_processes_has_no_modes():
+    ramp = sensorid.hypothesis("rate_ramp", slope=1.0, sigma_v=1.0)
+    assert filters.equivalent_modes(sensorid.bank(ramp, DT, np.array([[1.0, 0.0, 1.0]]))
+                                    ) is None
+
+    def from_rest(dt, sigma_m):    # turns, but is not yet as wide as it will be
+        return sensorid.shaping_filter([[0.5, -0.5], [0.5, 0.5]], [[sigma_m], [0.0]],
+                                       [1.0, 0.0])
+    h = sensorid.hypothesis(from_rest, sigma_m=1.0)
+    assert filters.equivalent_modes(sensorid.bank(h, DT, np.array([[1.0]]))) is None
 
 
 def test_telegraph_on_a_walk_is_close_to_the_sum_over_all_histories():

@@ -1,10 +1,13 @@
 """Effects that are seen in the values themselves."""
 
-from conftest import DT
 import numpy as np
 import pytest
+from conftest import DT, MODEL
+from scipy.signal import lfilter
 
-from sensorlab import Scene
+import sensorid
+import sensorlab
+from sensorlab import Scene, diagnose
 from sensorlab.gap import catalogue, readings
 
 
@@ -29,6 +32,60 @@ def test_readings_are_seen_and_what_is_none_is_not():
         "stuck", "quantization"]
 
 
+def polled(y, rate, phase):
+    """What a logger reads of a sensor that gives `rate` samples to each of its own."""
+    last, result, k = None, [], -1
+    for i, value in enumerate(y):
+        if int(rate * i + phase) != k:
+            k, last = int(rate * i + phase), value
+        result.append(last)
+    return np.array(result)
+
+
+@pytest.mark.parametrize("rate, lsb", [
+    (0.67, 0.0), (0.5, 0.0), (1 / 3, 0.0), (0.104, 0.0), (0.98, 0.0), (0.9303, 0.0),
+    (0.67, 0.2), (0.5, 0.2), (0.104, 0.2), (0.9303, 0.2)])
+def test_a_sensor_that_is_polled_too_fast_has_its_rate_read(rate, lsb):
+    rng = np.random.default_rng(5)
+    y = np.cumsum(0.05 * rng.standard_normal(3000)) + 0.5 * rng.standard_normal(3000)
+    y = lsb * np.round(y / lsb) if lsb else y
+    scene = Scene(polled(y, rate, 0.3), 0.01, {})
+    one, *others = readings.readings(scene)
+    assert one.found.name == "repeated_samples"
+    assert [r.found.name for r in others] == ["quantization"] * (lsb > 0)
+    assert one.found.values["frequency"] == pytest.approx(100.0 * rate, rel=1e-3)
+    expected = np.append(False, np.diff(np.floor(rate * np.arange(3000) + 0.3)) == 0)
+    assert np.mean(one.masked != expected) < 0.005
+    again = y.copy()    # the simulator repeats as the record does
+    catalogue.repeat(scene, again, **one.found.values)
+    assert np.mean(again != scene.y) < 0.01
+
+
+def test_a_sensor_that_is_polled_too_fast_is_named_beside_its_noise():
+    y = sensorid.simulate(MODEL[:1], DT, 2000, seed=8).error[0]
+    onset = 8.0 * (np.arange(2000) >= 900)
+    d = sensorlab.diagnose(polled(y + onset, 0.67, 0.3), DT, MODEL)
+    assert set(d.verdict.split("+")) == {"repeated_samples", "bias_step"}
+    d = sensorlab.diagnose(polled(y, 0.67, 0.3), DT, sensorlab.augmented(d))
+    assert "repeated_samples" not in d.verdict    # the simulator has it
+
+
+def test_uneven_polling_shows_a_rate_but_ties_without_pattern_none():
+    rng = np.random.default_rng(6)
+    y = rng.standard_normal(4000)
+    at = np.floor(0.67 * (np.arange(4000) + rng.uniform(-0.1, 0.1, 4000)) + 0.5)
+    (one,) = readings.readings(Scene(y[np.unique(at, return_index=True)[1]][
+        np.searchsorted(np.unique(at), at)], DT, {}))
+    assert one.found.values["frequency"] == pytest.approx(0.67, rel=1e-3)
+    held = y.copy()
+    for i in rng.choice(np.arange(1, 4000), 400, replace=False):
+        held[i] = held[i - 1]
+    ramp = np.round(0.31 * np.arange(4000) + 0.01 * y)    # a step now and then
+    for other in (held, 0.5 * np.round(2.0 * y), ramp, np.round(0.02 * ramp + y)):
+        assert "repeated_samples" not in [
+            r.found.name for r in readings.readings(Scene(other, DT, {}))]
+
+
 @pytest.mark.parametrize("lsb, printed", [(0.061, 0.01), (0.0152, 1e-7), (0.25, 1e-3)])
 def test_a_lattice_is_seen_through_the_digits_that_were_printed(lsb, printed):
     y = np.random.default_rng(3).standard_normal(4000)
@@ -47,3 +104,34 @@ def test_digits_and_two_levels_far_apart_are_no_lattice():
     poses = np.where(np.arange(4000) < 2000, 9.8, -9.8) + 0.01 * y
     assert catalogue.lattice(poses) == 0.0
     assert catalogue.lattice(np.round(y, 4)) == pytest.approx(1e-4)
+
+
+def markov_and_noise(rng, n=4000, tau=300.0, sigma_m=0.5, sigma_v=0.5):
+    a = np.exp(-DT / tau)
+    w = sigma_m * np.sqrt(1.0 - a * a) * rng.standard_normal(n)
+    return lfilter([1.0], [1.0, -a], w) + sigma_v * rng.standard_normal(n)
+
+
+def test_the_mean_of_a_clipped_record_is_that_before():
+    y = 0.7 + np.random.default_rng(4).standard_normal(10_000)
+    for limits in ([-np.inf, 1.0], [0.0, np.inf], [0.5, 1.2]):
+        found = readings.readings(Scene(np.clip(y, *limits), DT, {}))[0].found
+        mean = readings.latent_mean(np.clip(y, *limits), [found])
+        assert mean == pytest.approx(0.7, abs=0.05)    # sd 0.01 to 0.014
+    assert readings.latent_mean(y, []) is None
+
+
+@pytest.mark.parametrize("seed, quantiles", [(1, (0.15, 0.85)), (2, (0.0, 0.7))])
+def test_the_simulator_of_a_clipped_record_has_the_noise_before(seed, quantiles):
+    rng = np.random.default_rng(seed)
+    y = 2.0 + markov_and_noise(rng)
+    low, high = np.quantile(y, quantiles)
+    h = sensorid.hypothesis("markov", tau_m=(60, 1500), sigma_m=(0.2, 1.5),
+                            sigma_v=(0.1, 1.0), bias_sigma=3.0)
+    d = diagnose(np.clip(y, low if quantiles[0] else -np.inf, high), DT, [h])
+    assert d.verdict == "saturation"
+    assert d.after.theta[2] == pytest.approx(0.5, rel=0.08)    # sd 0.013 if clipped
+    assert d.final.theta[2] < 0.42    # what a fit makes of samples not lost at random
+    last = d.drift[-1]
+    assert 0.6 < last.with_effects / last.record < 1.7
+    assert d.after.p_value > 0.01

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import sensorid
 import sensorlab
 from sensorlab import Found
 from sensorlab.gap import causes, diagnosis
+from sensorlab.gap.diagnosis import augmented, diagnose
 from sensorlab.gap.verdict import split_families, unknown_probability, verdict_of
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
@@ -90,3 +92,20 @@ def test_every_probability_of_a_report_has_its_error(answers):
             assert 0.0 <= cause["probability_error"] <= 0.05
     assert answers["unknown"][0].causes[0].error > 0.0 or (
         answers["unknown"][0].causes[0].probability > 0.99)
+
+
+def test_the_model_has_what_the_verdict_names():
+    """A rival of a family is the single most probable cause, but not more probable than
+    the family.
+    """
+    rng, t = np.random.default_rng(2), np.arange(800)
+    T = np.exp(-t / 150) + 0.0025 * rng.standard_normal(800).cumsum()
+    y = rng.standard_normal(800) + 0.9 * T
+    d = diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=(0.3, 2))],
+                 dict(temperature=T), [sensorlab.CATALOGUE[name] for name in (
+                     "temperature", "thermal_lag", "second_order_drift",
+                     "turn_on_transient")], trials=59)
+    assert d.verdict == "temperature or thermal_lag"
+    assert d.causes[0].effect == "second_order_drift"
+    assert [one.name for one in d.found] == ["temperature"]
+    assert [one.name for one in augmented(d).effects[0]] == ["temperature"]

@@ -15,7 +15,8 @@ import pytest
 import sensorid
 import sensorlab
 from sensorlab.commands import main
-from sensorlab.several import common, pool, tables
+from sensorlab.several import Several, common, pool, tables
+from sensorlab.several.index import index
 from sensorlab.several.work import Row
 
 N = 600
@@ -64,7 +65,15 @@ def test_a_whole_imu_is_diagnosed_in_one_command(imu, capsys):
         assert "other axes are no covariates" in said
         assert "common to gx, ax: sinusoid frequency 7.3" in said
     assert {f.name for f in pathlib.Path("d1").iterdir()} == {
-        "report.json", "report.png", "table.csv", "model.gx.json", "model.ax.json"}
+        "report.json", "report.png", "table.csv", "model.gx.json", "model.ax.json",
+        "report.html", "report.gx.html", "report.ax.html"}
+    index = pathlib.Path("d1/report.html").read_text()
+    for name in ("gx", "ax"):    # what leads there leads back
+        assert f'<a href="report.{name}.html">{name}</a>' in index
+        page = pathlib.Path(f"d1/report.{name}.html").read_text()
+        assert '<a href="report.html">all records</a>' in page
+        assert "The simulator lacks" in page
+    assert "2 differ from it" in index and "sinusoid frequency 7.3" in index
     one, two = answers("d1/report.json", "d2/report.json")
     assert one == two    # the same bits by any number of workers
     assert [r["verdict"] for r in one["records"]] == ["sinusoid", "sinusoid"]
@@ -214,3 +223,21 @@ def test_a_simulator_known_by_a_recording_is_in_the_unit_of_the_record(imu, caps
     (record,) = shared.read_each(parsed)
     (rows,) = shared.simulated_records(parsed, record)
     np.testing.assert_allclose(rows[:7], np.degrees(np.arange(7)))
+
+
+def test_a_page_leads_to_those_that_gave_an_answer():
+    """Whatever the names are, and what is said of those that gave none."""
+    answer = dict(verdict="bandwidth+unknown", record=dict(samples=9, dt=1.0),
+                  gap=dict(before=2.34567, closed=0.5, closed_interval=[0.4, 0.6],
+                           remainder=dict(share=None)),
+                  causes=[dict(effect="none", probability=1.0)],
+                  found=[dict(effect="saturation", column=None, parameters=dict(
+                      limits=dict(mean=[None, 2.0], sd=None)))])
+    curves = dict(tau=[1.0, 2.0], record=[1.0, 0.7])
+    rows = (Row("<a>", "x", "mg", "", answer, "", curves, "dt 1 s"),
+            Row("b", "x", problem="no <such> file"))
+    text = index(Several(rows, ()), ["report.a b.html", "report.b.html"], "sensorid x")
+    assert 'href="report.a%20b.html"' in text and "report.b.html" not in text
+    assert "no &lt;such&gt; file" in text and "&lt;a&gt;</a>" in text
+    assert "1 differs from it, 1 gave no answer" in text
+    assert "2.35" in text and "limits -inf to 2 mg" in text

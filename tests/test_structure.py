@@ -57,7 +57,8 @@ def test_a_section_calls_only_sections_above_it(end):
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
              # folder
     "sensorlab/gap": ["costs", "effects", "catalogue", "kernels", "filters",
-                      "evidence", "screens", "signatures", "scans", "readings",
+                      "evidence", "screens", "spectra", "signatures", "scans",
+                      "readings",
                       "account", "directed", "causes", "places", "distance", "closure",
                       "drift", "twins", "flexible", "search", "remainder", "verdict",
                       "diagnosis", "blackbox", "sizes", "words", "report", "curves"],

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import sensorlab.units
+from sensorlab.tables import as_text
 from sensorlab.units import (
     check_report, factor, flicker_sigma, kind_of, low_pass_time, quantity, quote_table,
     quoted, registry, white_from_density)
@@ -71,8 +72,8 @@ def test_a_walk_grows_in_an_hour_to_the_quoted_one():
 
 
 def test_an_accelerometer_has_names_of_its_own():
-    text = quote_table(quoted([("sigma_v", 1.0, 0.0), ("sigma_w", 1.0, 0.0)], 0.04,
-                              "mg"))
+    text = as_text(quote_table(quoted([("sigma_v", 1.0, 0.0), ("sigma_w", 1.0, 0.0)],
+                                      0.04, "mg")))
     assert "velocity random walk" in text and "m/s/sqrt(h)" in text
     assert f"{1e-3 * G * 0.2 * 60.0:.4g} m/s/sqrt(h)" in text
 

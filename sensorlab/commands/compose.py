@@ -19,6 +19,7 @@ from sensorlab.tables import show
 def run(options):
     """The error model of a record as a sum: a hypothesis and the effects it needs."""
     refuse_unused(options, "model", "hypotheses", "report", "csv", "checkpoint",
+                  "workers",
                   why="does nothing beside --compose, which finds the sum by itself")
     check_outputs(options.records, options.json, options.save_model, plot=options.plot)
     plt = matplotlib_for_files() if options.plot else None

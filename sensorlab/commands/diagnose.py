@@ -4,11 +4,11 @@ import pathlib
 
 from sensorid import default_hypotheses
 from sensorlab.commands.many import (
-    answers, check_folder, conclude, write_answers, write_models, write_picture,
-    write_table)
+    answers, check_folder, conclude, write_answers, write_models, write_pages,
+    write_picture, write_table)
 from sensorlab.commands.progress import progress_line, say_beforehand
 from sensorlab.commands.shared import (
-    as_quoted, check_outputs, read_each, refuse_unused,
+    RECORDED, as_quoted, check_outputs, read_each, refuse_unused,
     simulated_records, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.blackbox import simulator_from
@@ -49,9 +49,11 @@ def run(options):
         write_table(folder / "table.csv", several)
         write_models(folder / "model", several)
         write_picture(folder / "report.png", several)
+        write_pages(folder, several, options.typed)
     conclude(several)
     if folder:
-        print(f"{folder}: report.json, report.png, table.csv, model.NAME.json")
+        print(f"{folder}: report.html, report.NAME.html, report.png, report.json, "
+              "table.csv, model.NAME.json")
 
 
 def _call(options, model, record):
@@ -62,7 +64,14 @@ def _call(options, model, record):
             simulated = simulated_records(options, record)
         except (ValueError, OSError) as problem:
             record = unread(record.file, record.column, problem)
-    return diagnosed, record, model and model.simulator, simulated, options.seed
+    return (diagnosed, record, model and model.simulator, simulated, options.seed,
+            _files(options, record) if options.out else None)
+
+
+def _files(options, record):
+    """What a diagnosis is made from: what each file is, and its name."""
+    return (("record", record.file), ("simulator", options.model),
+            ("simulated records", options.simulated))
 
 
 def _one(options, model, record, folder):
@@ -88,14 +97,13 @@ def _one(options, model, record, folder):
                    model_text(Model(record.dt, unit, simulator,
                                     pathlib.Path(record.file).name)))
         write_json(folder / "report.json", report(d, record))
-        seen, files = view(d), [("record", record.file), ("simulator", options.model),
-                                ("simulated records", options.simulated)]
+        seen = view(d)
         save(draw_diagnosis(d, seen, record, unit), folder / "report.png")
         write_text(folder / "report.html", page(
-            d, record, unit, provenance(files, options.typed), seen))
+            d, record, unit, provenance(_files(options, record), options.typed), seen))
     show(*told(d, record, unit))
     if quotes:
-        print(f"{h.name}, as data sheets quote it:\n" + quote_table(quotes))
+        show(f"{h.name}:", quote_table(quotes))
     if folder:
         print(f"{folder}: report.html, report.png, report.json, model.json")
 
@@ -134,7 +142,7 @@ def _simulator(model, simulated, record):
 
 def _list_effects(options):
     refuse_unused(options, "model", "simulated", "covariates", "out", "checkpoint",
-                  "workers", why="does nothing beside --effects")
+                  "workers", "seed", "report", why="does nothing beside --effects")
     scene = None
     if options.records:
         records = read_each(options, None, None)
@@ -143,8 +151,7 @@ def _list_effects(options):
         scene = Scene(records[0].error, records[0].dt, records[0].columns)
         check_scene(scene.y, scene.dt, scene.columns)
     else:
-        refuse_unused(options, "column", "dt", "resample", "allow_missing",
-                      why="goes with a record")
+        refuse_unused(options, *RECORDED, "unit", "scale", why="goes with a record")
     print("y is the error, u its unit, t the time, T the duration, dt the sampling "
           "interval.\nThe prior of a size, slope, coefficient or amplitude is highest "
           "at 4 standard errors,\nfalls from there on and is 0 at 0.\n")

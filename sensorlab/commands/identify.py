@@ -74,5 +74,4 @@ def _one(options, model, record, names, plt):
     if "no hypothesis describes" in misfit.sentence and not model:
         print("identify --compose says what its noise is the sum of")
     if quotes:
-        print(f"{best.hypothesis.name}, as data sheets quote it:\n"
-              + quote_table(quotes))
+        show(f"{best.hypothesis.name}:", quote_table(quotes))

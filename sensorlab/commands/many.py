@@ -9,9 +9,11 @@ from sensorlab.commands.shared import (
     check_outputs, progress_bar, write_json, write_text)
 from sensorlab.drawings import save
 from sensorlab.several import many
+from sensorlab.several.index import index
 from sensorlab.several.picture import draw_several
 from sensorlab.several.pool import cores, workers
 from sensorlab.several.tables import names, told
+from sensorlab.several.work import INDEX
 from sensorlab.tables import show
 
 
@@ -51,16 +53,30 @@ def write_answers(file, several):
                 for c in several.common]))
 
 
+def _plain_names(several):
+    """Names of the records as a part of file names, all different."""
+    plain = [re.sub(r"[^\w.\-\[\]]", "_", name) for name in names(several.rows)]
+    return [name + f"_{number}" * (plain.count(name) > 1)
+            for number, name in enumerate(plain)]
+
+
 def write_models(stem, several):
     """The model of every record, in a file of its own: STEM.NAME.json; their names."""
-    written, called = [], names(several.rows)
-    plain = [re.sub(r"[^\w.\-\[\]]", "_", name) for name in called]
-    for number, row in enumerate(several.rows):
+    written = []
+    for name, row in zip(_plain_names(several), several.rows):
         if not row.problem:
-            name = plain[number] + f"_{number}" * (plain.count(plain[number]) > 1)
             written.append(f"{stem}.{name}.json")
             write_text(written[-1], row.model)
     return written
+
+
+def write_pages(folder, several, command):
+    """The page of every record, report.NAME.html, and the one above them."""
+    addresses = [f"report.{name}.html" for name in _plain_names(several)]
+    for address, row in zip(addresses, several.rows):
+        if not row.problem:
+            write_text(folder / address, row.page)
+    write_text(folder / INDEX, index(several, addresses, command))
 
 
 def write_picture(file, several):

@@ -13,8 +13,9 @@ EFFECTS = (
     "rate_ramp", "bias_step", "pulse", "second_order_drift", "turn_on_transient",
     "sinusoid", "temperature", "thermal_lag", "scale_factor", "nonlinearity", "latency",
     "g_sensitivity", "covariate", "hysteresis", "random_walk", "correlated_noise",
-    "bias_instability", "bandwidth", "noise_step", "outliers", "random_telegraph",
-    "quantization", "saturation", "stuck", "wrong_parameter")
+    "bias_instability", "narrow_band_noise", "bandwidth", "blue_noise", "noise_step",
+    "outliers", "random_telegraph", "quantization", "saturation", "stuck",
+    "repeated_samples", "wrong_parameter")
 
 RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
           "PX4 or .bin of ArduPilot")
@@ -88,7 +89,7 @@ def parser():
                      help=RECORD + "; several, or a folder, give one table")
     one.add_argument("--model", type=_file, metavar="M.json",
                      help="hypotheses and priors")
-    one.add_argument("--hypotheses", metavar="NAMES",
+    one.add_argument("--hypotheses", type=_text, metavar="NAMES",
                      help="without --model: names, comma-separated, "
                           "or all (default white_noise,random_walk,markov)")
     one.add_argument("--compose", action="store_true",
@@ -125,7 +126,7 @@ def parser():
                      help="record length, s; with a target, the longest in question")
     two.add_argument("--trials", type=_count, metavar="L",
                      help="trials (default 500; 4000 with a target)")
-    two.add_argument("--algorithms", metavar="NAMES",
+    two.add_argument("--algorithms", type=_text, metavar="NAMES",
                      help="put others through the same trials: all, or any of "
                           + ", ".join(ALGORITHMS) + ", comma-separated")
     two.add_argument("--target", type=float, metavar="P",
@@ -177,7 +178,8 @@ def parser():
     four.add_argument("--out", type=_file, metavar="DIR",
                       help="folder for report.html, .png and .json and model.json, "
                            "the simulator with the effects added; of several records "
-                           "report.png, report.json, table.csv and their models")
+                           "table.csv, too, and report.NAME.html and "
+                           "model.NAME.json of each")
 
     six = commands.add_parser(
         "plan", help="how long the sensor of a record must be recorded",
@@ -196,7 +198,7 @@ def parser():
                      help="longest record in question, s (default 16 times this one)")
     six.add_argument("--model", type=_file, metavar="M.json",
                      help="hypotheses and priors")
-    six.add_argument("--hypotheses", metavar="NAMES",
+    six.add_argument("--hypotheses", type=_text, metavar="NAMES",
                      help="without --model: names, comma-separated, "
                           "or all (default white_noise,random_walk,markov)")
     six.add_argument("--trials", type=_count, default=100, metavar="L",
@@ -205,7 +207,7 @@ def parser():
                      help="of the random numbers, >= 0 (default 0)")
     _record_options(six)
     six.set_defaults(report=None)
-    six.add_argument("--unit", metavar="U", help="unit of the record")
+    six.add_argument("--unit", type=_text, metavar="U", help="unit of the record")
     six.add_argument("--scale", type=_numbers, default=(1.0,), metavar="X",
                      help="what the numbers of a record are multiplied by")
     six.add_argument("--json", type=_file, metavar="OUT.json", help="write the result")
@@ -244,16 +246,16 @@ def parser():
                       help="of a gyroscope, of an accelerometer or of both")
     five.add_argument("--to", required=True, choices=TARGETS, metavar="PROGRAM",
                       help=", ".join(TARGETS))
-    five.add_argument("--horizon", type=float, default=60.0, metavar="S",
+    five.add_argument("--horizon", type=float, metavar="S",
                       help="integration time up to which the two numbers bound, s "
                            "(default 60)")
-    five.add_argument("--pair", choices=("bound", "fitted", "x10"), default="bound",
+    five.add_argument("--pair", choices=("bound", "fitted", "x10"),
                       help="which pair is written (default bound)")
-    five.add_argument("--unit", metavar="U",
+    five.add_argument("--unit", type=_text, metavar="U",
                       help="of a model that does not say it, such as deg/s")
     five.add_argument("--dt", type=float, metavar="S",
                       help="sampling interval of a file that does not say it, s")
-    five.add_argument("--duration", type=float, default=3600.0, metavar="S",
+    five.add_argument("--duration", type=float, metavar="S",
                       help="of the records behind a bias_instability, s (default 3600)")
     five.add_argument("--out", type=_file, metavar="FILE",
                       help="file to be written (default: standard output)")
@@ -298,16 +300,21 @@ def _seed(text):
     return int(text)
 
 
-def _file(text):
-    """The name of a file."""
+def _text(text, what="it"):
+    """A text of the command line that is not empty."""
     if not text:
         raise argparse.ArgumentTypeError(
-            "the name is empty: is a variable of the shell not set?")
+            f"{what} is empty: is a variable of the shell not set?")
     return text
 
 
+def _file(text):
+    """The name of a file."""
+    return _text(text, "the name")
+
+
 def _unit_options(parser):
-    parser.add_argument("--unit", metavar="U",
+    parser.add_argument("--unit", type=_text, metavar="U",
                         help="unit of the record, such as deg/s or mg (milli-g): "
                              "parameters are quoted as data sheets do; a model in "
                              "another unit has the record converted; of gyroscopes and "
@@ -315,7 +322,7 @@ def _unit_options(parser):
     parser.add_argument("--scale", type=_numbers, default=(1.0,), metavar="X",
                         help="what the numbers of a record are multiplied by, such as "
                              "the value of a count; two for two units")
-    parser.add_argument("--report", metavar="UNITS",
+    parser.add_argument("--report", type=_text, metavar="UNITS",
                         help="quote in these units, comma-separated, "
                              "such as 'deg/sqrt(h),deg/h'")
 

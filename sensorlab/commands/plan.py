@@ -9,6 +9,7 @@ from sensorlab.drawings import matplotlib_for_files, save
 from sensorlab.drawings.style import AFTER, BEFORE, INK, styled
 from sensorlab.modelfiles import read_model
 from sensorlab.planning import AHEAD, for_longer, length, outlook
+from sensorlab.tables import Table, show
 
 
 RULED_OUT = 0.01    # probability of a hypothesis that is not worth a sentence
@@ -71,23 +72,21 @@ def _chosen(hypotheses, wanted):
 
 
 def _show(record, duration, outlooks, lengths, options):
-    print(f"{record.heading}, {record.dt * len(record.error):g} s")
-    print(f"relative standard deviation against record length; half of {options.trials}"
-          " sensors that this\nrecord may be of have less, [5 %, 95 %]; seed "
-          f"{options.seed}")
-    width = max(len(one.label) for one in outlooks) + 2
     times = outlooks[0].time
     shown = np.unique(np.linspace(0, len(times) - 1, 4).round().astype(int))
-    print(f"{'parameter':<{width}}probability      now" + "".join(
-        f"{f'{times[i]:.4g} s':>22}" for i in shown))
-    for one in outlooks:
-        print(f"{one.label:<{width}}{one.probability:>11.3f}{one.now:>9.3f}" + "".join(
-            f"{f'{middle:.3f} [{low:.3f}, {high:.3f}]':>22}"
-            for low, middle, high in one.rsd[:, shown].T))
-    for one in lengths:
-        (own,) = [o for o in outlooks if o.label == one.label]
-        if own.probability >= RULED_OUT:
-            print(_sentence(one, own, duration))
+    rows = tuple((one.label, f"{one.probability:.3f}", f"{one.now:.3f}", *(
+        f"{middle:.3f} [{low:.3f}, {high:.3f}]" for low, middle, high in
+        one.rsd[:, shown].T)) for one in outlooks)
+    own = {one.label: one for one in outlooks}
+    show(f"{record.heading}, {record.dt * len(record.error):g} s",
+         f"relative standard deviation against record length; half of {options.trials} "
+         "sensors that this record may be of have less, [5 %, 95 %]; seed "
+         f"{options.seed}",
+         Table(("parameter", "probability", "now", *(f"{times[i]:.4g} s"
+                                                     for i in shown)), rows,
+               tuple(range(1, 3 + len(shown))), keys=1),
+         *(_sentence(one, own[one.label], duration) for one in lengths
+           if own[one.label].probability >= RULED_OUT))
 
 
 def _sentence(one, own, limit):

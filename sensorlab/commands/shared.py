@@ -132,11 +132,24 @@ def _averaged(record, m, part):
                                     for name, x in record.columns.items()})
 
 
+RECORDED = ("column", "dt", "start", "end", "average", "resample", "allow_missing")
+UNSET = dict(column="error", average=1, seed=0, scale=(1.0,))    # where it is not None
+
+
 def refuse_unused(options, *names, why):
     """Refuse options that would do nothing in this command."""
     for name in names:
-        if getattr(options, name) not in (None, False, "error"):
-            raise ValueError(f"--{name.replace('_', '-')} {why}")
+        value = getattr(options, name)
+        if value not in (None, False) and value != UNSET.get(name):
+            said = dict(start="from", end="to").get(name, name.replace("_", "-"))
+            raise ValueError(f"--{said} {why}")
+
+
+def refuse_interval(file, model, dt):
+    """Refuse a sampling interval that is not that of a model which says its own."""
+    if dt is not None and abs(model.dt - dt) > 0.01 * model.dt:
+        raise ValueError(f"{file} is for dt = {model.dt:g} s, not for {dt:g} s: leave "
+                         "--dt out")
 
 
 def check_memory(samples, records=1):

@@ -4,7 +4,7 @@ import numpy as np
 
 from sensorid import write_whole
 from sensorlab.commands.shared import (
-    check_memory, check_outputs, read, refuse_unused)
+    RECORDED, check_memory, check_outputs, read, refuse_interval, refuse_unused)
 from sensorlab.gap.diagnosis import check_columns
 from sensorlab.gap.effects import Scene, simulate_effects
 from sensorlab.modelfiles import check_onsets, read_model
@@ -16,8 +16,9 @@ def run(options):
     needed = sorted({one.column for _, effects in model.simulator.pairs
                      for one in effects} - {""})
     if not options.like:
-        refuse_unused(options, "column", "dt", "resample", "allow_missing",
+        refuse_unused(options, *(name for name in RECORDED if name != "dt"),
                       why="goes with --like: no record is read here")
+        refuse_interval(options.model, model, options.dt)
     if needed and not options.like:
         raise ValueError(f"the effects of {options.model} need the column"
                          f"{'s' * (len(needed) > 1)} {', '.join(needed)}: "

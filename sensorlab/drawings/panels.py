@@ -71,10 +71,10 @@ def of_bands(ax, d, banded):
         ax.text(0.5, 0.5, "too many samples are missing", ha="center",
                 transform=ax.transAxes)
         return
-    ax.fill_between(banded.x, *banded.before, color=BEFORE, alpha=0.3, linewidth=0,
+    ax.fill_between(banded.x, *banded.before, color=BEFORE, alpha=0.3, linewidth=1.2,
                     label="90 % of simulated records")
     if banded.after is not None:
-        ax.fill_between(banded.x, *banded.after, color=AFTER, alpha=0.35, linewidth=0,
+        ax.fill_between(banded.x, *banded.after, color=AFTER, alpha=0.35, linewidth=1.2,
                         label=with_found(d))
     ax.plot(banded.x, banded.record, ".-", color=INK, markersize=3, linewidth=0.9,
             label="record")

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import ShapingFilter, model_allan_variance
-from sensorlab.gap.catalogue import join
+from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Scene, members
 from sensorlab.units import SI, factor, kind_of
 
@@ -46,8 +46,7 @@ class Axis(NamedTuple):
             self.filt.Psi.max(keepdims=True)**2 + rate * sigma**2 + self.lsb**2 / 12.0))
         if not half:
             return filt
-        a = 1.0 - 2.0 * change
-        return join(filt, [a], [half * np.sqrt(1.0 - a * a)], [half])
+        return beside(filt, [1.0 - 2.0 * change], [half])
 
     def allan_variance(self, m):
         """Expected Allan variance at averaging times of m samples."""

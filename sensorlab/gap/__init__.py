@@ -35,7 +35,7 @@ Notation
     z            normal scores of a record, N(0, 1) and white if all is well
 
 The files read in the order of the argument; each takes only from those before it:
-costs, effects, catalogue, kernels, filters, evidence, signatures, readings, account,
-causes, places, distance, closure, drift, twins, flexible, search, remainder, verdict,
-diagnosis, blackbox, sizes, words, report, curves.
+costs, effects, catalogue, kernels, filters, evidence, screens, spectra, signatures,
+scans, readings, account, directed, causes, places, distance, closure, drift, twins,
+flexible, search, remainder, verdict, diagnosis, blackbox, sizes, words, report, curves.
 """

@@ -10,6 +10,7 @@ from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, onset_law
 from sensorlab.gap.filters import log_likelihoods, predict, solve
+from sensorlab.gap.spectra import posterior_law
 
 
 class Account(NamedTuple):
@@ -51,8 +52,8 @@ def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None
             floor=-np.inf):
     """Fit of all hypotheses to a scene, with equal prior probabilities.
 
-    `past` is an account of hypotheses with fewer parameters, if there is one; `floor`
-    as for `integrate`.
+    `past` is another account of about the same record, if there is one; `floor` as for
+    `integrate`.
     """
     hypotheses = bases if hypotheses is None else hypotheses
 
@@ -63,7 +64,8 @@ def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None
     for number in np.argsort(past_evidence, kind="stable")[::-1]:
         h = hypotheses[number]
         samples[number] = integrate(
-            likelihood_of(h), h.parameters, guess_from(past, number),
+            likelihood_of(h), h.parameters,
+            guesses_from(past, number, h, scene, signatures) if past else (),
             onset_law(h, scene, signatures), max(floor, evidence.max()),
             effort=effort(scene))
         evidence[number] = samples[number].log_evidence[0]
@@ -83,11 +85,33 @@ def central(sample, log_likelihood):
     return sample.theta[ll.argmax()]
 
 
-def guess_from(past, number):
-    """Mean and covariance of a hypothesis in the coordinates of `integrate`."""
-    if past is None or not free_columns(past.hypotheses[number].parameters):
-        return None
-    return past.samples[number].law
+def guesses_from(past, number, h, scene, signatures):
+    """Pairs of mean and covariance that the free parameters of a hypothesis, or the
+    first of them, may have in the coordinates of `integrate`.
+    """
+    other, sample = past.hypotheses[number], past.samples[number]
+    own, before = free_columns(h.parameters), free_columns(other.parameters)
+    if not own or not before and h.is_patchy:
+        return ()
+    mean, cov = sample.law if before else (np.zeros(0), np.zeros((0, 0)))
+    same = {h.keys[c]: axis for axis, key in enumerate(other.keys[b] for b in before)
+            for c in own if h.keys[c] == key and _is_same(
+                h.parameters[c], other.parameters[before[axis]])}
+    axes = [same.get(h.keys[c]) for c in own]
+    first = axes[:axes.index(None) if None in axes else None]
+    result = [(mean[first], cov[np.ix_(first, first)])] if first else []
+    if h.is_patchy or axes == [*range(len(mean))] and len(
+            signatures) == len(past.signatures):
+        return result
+    # where what is new is weak, all else is as it was; where not, its spectrum tells
+    return [*result, posterior_law(
+        h, scene, signatures, other, sample.theta[sample.log_likelihood[:, 0].argmax()],
+        {key: mean[axis] for key, axis in same.items()})]
+
+
+def _is_same(p, q):
+    """Are two priors one, so that their coordinates are?"""
+    return p is q or type(p) is type(q) is Parameter and p == q
 
 
 def mean_evidence(log_evidence):
@@ -114,7 +138,7 @@ def _level_as_noise(scene, filt, change, half):
     return beside(filt, [1.0 - 2.0 * change], [half])
 
 
-LEVEL_AS_NOISE = Effect("level_as_noise", model=_level_as_noise)
+LEVEL_AS_NOISE = Effect("level_as_noise", model=_level_as_noise, elementwise=True)
 
 
 def gaussian(scene, acc):
@@ -140,14 +164,22 @@ def as_simulated(acc, scene, theta, widths=None):
     """The most probable hypothesis of an account, and its effects, with numbers for
     parameters, as a `Simulator`.
 
-    `widths` (p,) turns those of the base into ranges theta -+ width.
+    `widths` (p,) turns those of the base into ranges theta -+ width. Of a record that
+    is clipped the bias counts, as the limits stand still: it is that of the scene.
     """
     base = acc.bases[acc.best].hypothesis
+    clipped = any("limits" in r.found.values for r in acc.readings)
     widths = np.zeros(len(theta)) if widths is None else widths
-    h = base._replace(parameters=tuple(
-        _around(p, v, w) for p, v, w in zip(base.parameters, theta, widths)))
-    inside = [one._replace(values=fixed(**acc.member.of(one, theta)))
-              for one in acc.member.effects if not one.effect.reading]
+    scaled = acc.member.in_units(theta)
+    h = base._replace(bias_sigma=0.0 if clipped else base.bias_sigma, parameters=tuple(
+        _around(p, v, w) for p, v, w in zip(base.parameters, scaled, widths)))
+    for one in acc.member.effects:
+        if one.effect.factor:    # what makes a bias larger is in the base already
+            h = h._replace(bias_sigma=h.bias_sigma * min(
+                acc.member.value(theta, one.key, "factor"), 1.0))
+    inside = [one._replace(values=fixed(**acc.member.of(one, scaled)))
+              for one in acc.member.effects
+              if not (one.effect.reading or one.effect.factor)]
     return Simulator((h,), ((*inside, *_with_sizes(acc, scene, theta),
                              *(r.found for r in acc.readings)),))
 

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
-from sensorid import JIT, Parameter, ShapingFilter
+from sensorid import JIT, Parameter, ShapingFilter, sum_of
 from sensorlab.gap.effects import Effect, Jumps
 
 
@@ -89,34 +89,48 @@ def _followed(x, width):
     return behind
 
 
-# ---- models: (scene, filt, **parameters) gives a shaping filter
+# ---- models: (scene, filt, **parameters) gives a shaping filter; the parameters are
+# numbers, or columns (M, 1) of as many nodes
 
 def beside(filt, a, sigma):
     """A shaping filter with Markov processes of factors a, standard deviations sigma
     added to its output.
     """
-    return join(filt, a, [s * np.sqrt(1.0 - f**2) for f, s in zip(a, sigma)], sigma)
+    return join(filt, *((f, s * np.sqrt(1.0 - f**2), s**2) for f, s in zip(a, sigma)))
 
 
-def join(filt, a, drive, initial):
-    """A shaping filter with one-state processes added to its output, of factors a and
-    standard deviations of their noise and of their initial value.
+def join(filt, *processes):
+    """A shaping filter with one-state processes added to its output; of each the
+    factor, the standard deviation of its noise and the variance of its initial value.
     """
-    n, m, k = filt.Phi.shape[1], filt.Gamma.shape[2], len(a)
-    Phi, Gamma, P0 = (np.zeros((n + k, n + k)), np.zeros((n + k, m + k)),
-                      np.zeros((n + k, n + k)))
-    Phi[:n, :n], Gamma[:n, :m], P0[:n, :n] = filt.Phi[0], filt.Gamma[0], filt.P0
-    for i in range(k):
-        Phi[n + i, n + i] = a[i]
-        Gamma[n + i, m + i] = drive[i]
-        P0[n + i, n + i] = initial[i]**2
-    return ShapingFilter(Phi[None], Gamma[None],
-                         np.append(filt.H[0], np.ones(k))[None], filt.Psi,
-                         np.append(filt.m0, np.zeros(k)), P0)
+    return _added(filt, sum_of(0.0, *processes))
+
+
+def _added(filt, other):
+    """A shaping filter with the output of another, of zero expectation, added."""
+    return ShapingFilter(_blocks(filt.Phi, other.Phi), _blocks(filt.Gamma, other.Gamma),
+                         np.append(filt.H[0], other.H[0])[None], filt.Psi,
+                         np.append(filt.m0, other.m0), _blocks(filt.P0, other.P0))
+
+
+def _blocks(one, other):
+    """Matrices (..., n, m) and (..., k, l) as the blocks of one."""
+    n, m = one.shape[-2:]
+    result = np.zeros((*np.broadcast_shapes(one.shape[:-2], other.shape[:-2]),
+                       n + other.shape[-2], m + other.shape[-1]))
+    result[..., :n, :m], result[..., n:, m:] = one, other
+    return result
+
+
+def _matrices(*rows):
+    """Matrices (1, n, m) of numbers, or (M, 1, n, m) of numbers and columns (M, 1)."""
+    shape = np.broadcast_shapes((1,), *(np.shape(v) for row in rows for v in row))
+    return np.stack([np.stack([np.broadcast_to(v, shape) for v in row], -1)
+                     for row in rows], -2)
 
 
 def _random_walk(scene, filt, sigma_w):
-    return join(filt, [1.0], [sigma_w], [0.0])
+    return join(filt, (1.0, sigma_w, 0.0))
 
 
 def _correlated_noise(scene, filt, tau, sigma):
@@ -142,24 +156,71 @@ def _bias_instability(scene, filt, sigma):
     taus = flicker_times(scene)
     decades = np.floor(max(np.log10(0.1 * scene.duration / scene.dt), 0.0)) + 1.0
     apart = np.log10(taus[0] / taus[1]) if len(taus) > 1 else 1.0
-    part = np.full(len(taus), np.sqrt(apart / decades))
-    return beside(filt, np.exp(-scene.dt / taus), sigma * part)
+    return beside(filt, np.exp(-scene.dt / taus),
+                  [np.sqrt(apart / decades) * sigma] * len(taus))
 
 
-def _bandwidth(scene, filt, tau):
-    """The white noise passes a first-order low-pass of unit gain at rest."""
-    a = np.exp(-scene.dt / tau)
-    low = np.sqrt((1.0 - a) / (1.0 + a)) * filt.Psi
-    return beside(filt._replace(Psi=np.zeros(1)), [a], low)
+NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at zero
+
+
+def _bandwidth(scene, filt, tau, variant=""):
+    """The white noise passes a low-pass of unit gain at rest, of first order or of
+    second (Butterworth).
+    """
+    rest, white = filt._replace(Psi=0.0 * filt.Psi), filt.Psi
+    if variant != "second order":
+        a = np.exp(-scene.dt / tau)
+        return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
+    decay = np.minimum(scene.dt / tau / np.sqrt(2.0), NO_MEMORY)
+    # poles beyond a fourth of a turn would let pass what is fast, and stop the rest
+    pole = np.exp(-decay + 1j * np.minimum(decay, 0.5 * np.pi))
+    first, second = 2.0 * pole.real, -abs(pole)**2
+    gain = (1.0 - first - second) * white
+    variance = (1.0 - second) * gain**2 / (
+        (1.0 + second) * ((1.0 - second)**2 - first**2))
+    both = variance * first / (1.0 - second)
+    return _added(rest, _pair([[first, second], [1.0, 0.0]], [[gain], [0.0]],
+                              [1.0, 0.0], [[variance, both], [both, variance]]))
+
+
+def _pair(Phi, Gamma, H, P0):
+    """A shaping filter of two states."""
+    return ShapingFilter(_matrices(*Phi), _matrices(*Gamma), np.array([H]), np.zeros(1),
+                         np.zeros(2), _matrices(*P0)[..., 0, :, :])
+
+
+MIN_TURN = 2.0    # radians in the correlation time of a band: with fewer its width is
+                  # more than its frequency, and it is a Markov process
+
+
+def _narrow_band(scene, filt, frequency, tau, sigma):
+    """A vector that turns and shrinks, driven evenly in all directions: one of its two
+    components has the covariance sigma^2 exp(-|t| / tau) cos(2 pi frequency t).
+    """
+    sigma = sigma * (2.0 * np.pi * frequency * tau >= MIN_TURN)
+    turn, a = 2.0 * np.pi * frequency * scene.dt, np.exp(-scene.dt / tau)
+    c, s, drive = a * np.cos(turn), a * np.sin(turn), sigma * np.sqrt(1.0 - a**2)
+    return _added(filt, _pair([[c, -s], [s, c]], [[drive, 0.0], [0.0, drive]],
+                              [1.0, 0.0], [[sigma**2, 0.0], [0.0, sigma**2]]))
+
+
+def _blue_noise(scene, filt, tau, sigma):
+    """A Markov process less what it was a sample before: white noise through a
+    first-order high-pass.
+    """
+    a = np.exp(-np.minimum(scene.dt / tau, NO_MEMORY))
+    variance = sigma**2 / (2.0 * (1.0 - a))
+    return _added(filt, _pair(
+        [[a, 0.0], [1.0, 0.0]], [[np.sqrt((1.0 - a**2) * variance)], [0.0]],
+        [1.0, -1.0], [[variance, a * variance], [a * variance, variance]]))
 
 
 def _noise_step(scene, filt, onset, ratio):
     first = np.searchsorted(scene.time, onset)
-    if first == len(scene.y):
+    if np.all(first == len(scene.y)):
         return filt
-    Psi = filt.Psi * np.ones(len(scene.y))
-    Psi[first:] *= ratio
-    return filt._replace(Psi=Psi)
+    return filt._replace(Psi=filt.Psi * np.where(
+        np.arange(len(scene.y)) < first, 1.0, ratio))
 
 
 def _rounding(scene, filt, lsb):
@@ -195,6 +256,12 @@ def _stick(scene, y, spans):
     for start, length in spans:
         first = round(start / scene.dt)
         y[..., first:first + int(length)] = y[..., first:first + 1]
+
+
+def repeat(scene, y, frequency, phase):
+    """Every sample becomes the last that a sensor of a rate of its own has given."""
+    number = np.floor(frequency * scene.time + phase / (2.0 * np.pi))
+    y[:] = y[..., np.searchsorted(number, number)]
 
 
 CONCENTRATED = 0.9    # of a lattice: digits may blur it by a quarter of its spacing
@@ -364,30 +431,49 @@ CATALOGUE = {effect.name: effect for effect in (
                     "play (max x - min x) behind; play without unit, size in u",
            resembles="thermal lag, scale factor, random telegraph",
            experiment="drive that quantity up and down at different speed"),
-    Effect("random_walk", model=_random_walk,
+    Effect("random_walk", model=_random_walk, elementwise=True,
            parameters=lambda s: (_log("sigma_w", s.white / len(s.y),
                                       _spread(s) / np.sqrt(len(s.y)) * 10.0),),
            equation="y + w, w the sum of white noises of standard deviation sigma_w, "
                     "in u per sample",
            resembles="rate ramp, correlated noise of long time, bias instability",
            experiment="record longer"),
-    Effect("correlated_noise", model=_correlated_noise,
+    Effect("correlated_noise", model=_correlated_noise, elementwise=True,
            parameters=lambda s: (_log("tau", 1.5 * s.dt, s.duration / 10),
                                  _log("sigma", 0.03 * s.white, _spread(s))),
            equation="y + m, dm/dt = -m / tau + white noise, standard deviation of m "
                     "sigma; tau in s, sigma in u",
            resembles="bias instability, random telegraph, random walk",
            experiment="record longer, sample faster"),
-    Effect("bias_instability", model=_bias_instability,
+    Effect("bias_instability", model=_bias_instability, elementwise=True,
            parameters=lambda s: (_log("sigma", 0.01 * s.white, _spread(s)),),
            equation="y + Markov processes, tau evenly in log from dt to T / 10, "
                     "together of standard deviation sigma, in u",
            resembles="correlated noise, random walk", experiment="record longer"),
-    Effect("bandwidth", model=_bandwidth,
+    Effect("narrow_band_noise", model=_narrow_band, elementwise=True, search="band",
+           parameters=lambda s: (Parameter("frequency", MIN_CYCLES / s.duration,
+                                           0.5 / s.dt),
+                                 _log("tau", 2.0 * s.dt, s.duration / 10),
+                                 _log("sigma", 0.03 * s.white, _spread(s))),
+           equation="y + a process of covariance sigma^2 exp(-|t| / tau) "
+                    "cos(2 pi frequency t), 0 where 2 pi frequency tau < 2; frequency "
+                    "in Hz, tau in s, sigma in u",
+           resembles="sinusoid where tau is long, correlated noise where it is short",
+           experiment="damp vibration; an alias moves with the sampling rate"),
+    Effect("bandwidth", model=_bandwidth, elementwise=True, search="spectrum",
+           variants=("first order", "second order"),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
-           equation="the white noise v becomes V, tau dV/dt = v - V; tau in s",
+           equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
+                    "+ sqrt(2) tau dV/dt = v - V; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
-    Effect("noise_step", model=_noise_step, search="onset",
+    Effect("blue_noise", model=_blue_noise, elementwise=True, search="spectrum",
+           parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),
+                                 _log("sigma", 0.03 * s.white, _spread(s))),
+           equation="y + w - W, tau dW/dt = w - W, w white noise, standard deviation "
+                    "of w - W sigma; tau in s, sigma in u",
+           resembles="quantization of the angle, white noise that is low-passed",
+           experiment="integrate: the angle has white noise"),
+    Effect("noise_step", model=_noise_step, elementwise=True, search="onset",
            parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 0.1, 10.0)),
            equation="the white noise becomes ratio times as strong from t = onset "
                     "on; onset in s",
@@ -407,7 +493,7 @@ CATALOGUE = {effect.name: effect for effect in (
                     "dwell in s, size in u",
            resembles="correlated noise",
            experiment="average less white noise away: two levels show in a histogram"),
-    Effect("quantization", reading=quantize, model=_rounding,
+    Effect("quantization", reading=quantize, model=_rounding, elementwise=True,
            equation="lsb round(y / lsb); lsb in u",
            resembles="white noise",
            experiment="widen the word length, raise the gain"),
@@ -419,8 +505,14 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y keeps its value in spans of (start in s, samples)",
            resembles="quantization",
            experiment="compare the counters of sensor and logger"),
+    Effect("repeated_samples", reading=repeat,
+           equation="y is what the sensor gave last, which samples at frequency, in "
+                    "Hz, below that of the record; phase, in rad, at the first",
+           resembles="stuck samples, quantization",
+           experiment="compare the counters of sensor and logger, poll faster"),
     Effect("wrong_parameter", factor=1000.0,
-           equation="one parameter of the simulator is factor times what it says",
+           equation="one parameter of the simulator, or all standard deviations, is "
+                    "factor times what it says",
            resembles="correlated noise, bandwidth",
            experiment="compare the Allan deviation with the data sheet, unit by unit"),
 )}

@@ -7,7 +7,6 @@ import numpy as np
 from sensorid import brief, free_columns, probabilities
 from sensorlab.gap.account import (
     Account, account, evidence_error, gaussian, mean_evidence)
-from sensorlab.gap.catalogue import flicker_times
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
@@ -16,6 +15,7 @@ from sensorlab.gap.filters import predict, solve
 from sensorlab.gap.readings import as_read
 from sensorlab.gap.screens import FEW, screened, usual_variance
 from sensorlab.gap.signatures import families
+from sensorlab.gap.spectra import promise
 
 UNKNOWN = Effect("unknown")    # something that is in no catalogue
 
@@ -81,6 +81,7 @@ class _Rival(NamedTuple):
     family: int = 0      # number of its family in the evidence, from 1
     account: Account = None    # with the effect in it; a signature has a family instead
     values: dict = {}    # (mean, sd) by symbol
+    variant: str = ""
 
 
 LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters
@@ -99,11 +100,13 @@ def further_causes(scene, acc, effects, processes=True):
     listed = families(plain, effects, acc.signatures)
     say("looking for signatures", 4)
     samples = directed(plain, reference, listed)
-    rivals = [*_with_signatures(listed, samples),
-              *_with_filters(scene, plain, acc, reference, effects, processes)]
+    rivals = _with_signatures(listed, samples)
+    rivals += _with_filters(scene, plain, acc, reference, effects, processes,
+                            max([0.0, *(one.log_bayes for one in rivals)]))
     if processes:
         rivals += [rival for effect in effects if effect.factor
-                   for rival in _with_wrong_parameters(scene, acc, effect)]
+                   for wrong in (_with_wrong_parameters, _with_wrong_scale)
+                   for rival in wrong(scene, acc, effect)]
     say("weighing", 2)
     prior, alone, share = _probabilities(acc, rivals)
     groups = _grouped(rivals, share)
@@ -124,8 +127,10 @@ def further_causes(scene, acc, effects, processes=True):
             signature = found if rival is best else signature
         column = "" if rival.effect.factor else _either(
             [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
-        one = (Found(rival.effect) if answer is None else answer)._replace(
-            column=column, values=values)
+        if answer is None:
+            answer = Found(rival.effect, "", rival.variant, {},
+                           float(share[group[0]] / max(probability, 1e-300)))
+        one = answer._replace(column=column, values=values)
         causes.append(Cause((one,), float(probability), float(rival.log_bayes), off))
     causes.sort(key=lambda c: -c.probability)
     if alone >= 0.5:
@@ -155,14 +160,19 @@ def _with_signatures(listed, samples):
                    number) for number, family in enumerate(listed, 1)]
 
 
-def _with_filters(scene, plain, acc, reference, effects, processes):
-    """Rivals that are inside the filter: models, if wanted, and jumps."""
+MATTERS = 4.0    # nats below the best rival: what lies lower need not be known well
+
+
+def _with_filters(scene, plain, acc, reference, effects, processes, best):
+    """Rivals that are inside the filter: models, if wanted, and jumps; `best` is the
+    largest ln B of all others.
+    """
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     z = seen.z[0, 0]
     variance = usual_variance(z, seen.log_score[0, 0])
     for effect in effects:
         inside = effect.jumps or processes and effect.model and not effect.reading
-        if not inside or not _has_room(effect, acc, scene):
+        if not inside or not _has_room(effect, acc):
             continue
         about = screened(effect, scene, z, variance)
         if about < FEW:
@@ -170,11 +180,31 @@ def _with_filters(scene, plain, acc, reference, effects, processes):
             continue
         say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
         start, at = (acc, scene) if effect.jumps else (reference, plain)
-        new = account(at, acc.bases, [h.with_effect(effect) for h in start.hypotheses],
-                      acc.signatures, acc.readings, start,
-                      start.log_evidence + HOPELESS_NATS)
-        yield _Rival(effect, "", _log_bayes(new, start), account=new,
-                     values=_values(effect, new))
+        for variant in effect.variants or ("",):
+            richer = [h.with_effect(effect, variant) for h in start.hypotheses]
+            if effect.search in ("band", "spectrum"):
+                richer, told = _promising(at, start, richer)
+                if told < 0.0:
+                    yield _Rival(effect, "", told, variant=variant)
+                    continue
+            new = account(at, acc.bases, richer, acc.signatures, acc.readings, start,
+                          start.log_evidence + max(HOPELESS_NATS, best - MATTERS))
+            best = max(best, _log_bayes(new, start))
+            yield _Rival(effect, "", _log_bayes(new, start), account=new,
+                         values=_values(new.member.effects[-1], new),
+                         variant=variant)
+
+
+def _promising(scene, acc, richer):
+    """Hypotheses of an account with a further process, its frequency sought, and ln B
+    of it by Whittle's likelihood.
+    """
+    pairs = [promise(h, one, scene, acc.signatures,
+                     s.theta[s.log_likelihood[:, 0].argmax()])
+             for h, one, s in zip(acc.hypotheses, richer, acc.samples)]
+    evidence = np.array([s.log_evidence[0] for s in acc.samples])
+    return [h for h, _ in pairs], mean_evidence(
+        evidence + [gain for _, gain in pairs]) - mean_evidence(evidence)
 
 
 def _log_bayes(new, old):
@@ -187,15 +217,16 @@ def _log_bayes(new, old):
                new.peak - old.peak - max(more, 1))
 
 
-def _values(effect, acc):
-    """Mean and standard deviation of an effect's parameters over all hypotheses."""
+def _values(own, acc):
+    """Mean and standard deviation of the parameters of one of the effects inside the
+    filters of an account, over all hypotheses.
+    """
     share = probabilities([s.log_evidence[0] for s in acc.samples])
     result = {}
-    own = next(one for one in acc.member.effects if one.name == effect.name)
     for symbol in own.values:
         first = second = 0.0
         for h, sample, part in zip(acc.hypotheses, acc.samples, share):
-            value = h.value(sample.theta, effect.name, symbol)
+            value = h.value(sample.theta, own.key, symbol)
             first += part * sample.weight @ value
             second += part * sample.weight @ value**2
         result[symbol] = float(first), float(np.sqrt(max(second - first**2, 0.0)))
@@ -254,7 +285,8 @@ def _with_best(scene, plain, acc, best, signature):
                        acc.readings, acc)
     if plain is not scene and best.effect.model:
         return account(scene, acc.bases,
-                       [h.with_effect(best.effect) for h in acc.hypotheses],
+                       [h._replace(effects=(*h.effects, own.effects[-1]))
+                        for h, own in zip(acc.hypotheses, best.account.hypotheses)],
                        acc.signatures, acc.readings, acc)
     return best.account
 
@@ -271,20 +303,28 @@ def estimated_together(full, acc, path):
     theta = acc.member.matching(hypotheses[acc.best], acc.theta)[None]
     solved = solve(hypotheses[acc.best], plain, acc.signatures, theta)
     ends = 1 + np.cumsum([0, *(s.columns.shape[1] for s in acc.signatures)])
-    for one in path.found:
+    for number, one in enumerate(path.found):
         if one.effect.columns:
             own, at = slice(ends[at], ends[at + 1]), at + 1
             size, sd = solved.size[0, own], np.sqrt(np.diag(solved.cov[0])[own])
             values = {one.effect.size: (
                 float(size[0] if len(size) == 1 else np.hypot(*size)),
                 float(np.sqrt(np.mean(sd**2))))}
-        elif one.effect.factor:
+        elif _is_single(one):
             symbol = one.values["parameter"][0]
             values = dict(factor=_factor(symbol, acc.bases, acc))
         else:
-            values = {} if one.effect.reading else _values(one.effect, acc)
+            values = {} if one.effect.reading else _values(
+                _inside(acc, path.found, number), acc)
         result.append(one._replace(values={**one.values, **values}))
     return path._replace(found=tuple(result))
+
+
+def _inside(acc, found, number):
+    """Effect `number` of those found, as it is inside the filters of an account."""
+    name = found[number].name
+    later = sum(one.name == name and not _is_single(one) for one in found[number + 1:])
+    return [one for one in acc.member.effects if one.name == name][-1 - later]
 
 
 def without(full, acc, found, number):
@@ -297,30 +337,34 @@ def without(full, acc, found, number):
         # those of the simulator come first
         at = len(signatures) - sum(bool(f.effect.columns) for f in found[number:])
         signatures = signatures[:at] + signatures[at + 1:]
-    elif one.effect.factor:
+    elif _is_single(one):
         symbol = one.values["parameter"][0]
         hypotheses = [h._replace(hypothesis=h.hypothesis._replace(parameters=tuple(
             old if old.symbol == symbol else p
             for p, old in zip(h.hypothesis.parameters, base.hypothesis.parameters))))
             for h, base in zip(hypotheses, acc.bases)]
     else:
+        key = one.name if one.effect.reading else _inside(acc, found, number).key
         hypotheses = [h._replace(effects=tuple(
-            e for e in h.effects if e.name != one.name)) for h in hypotheses]
-    return account(as_read(full, readings), acc.bases, hypotheses, signatures, readings)
+            e for e in h.effects if e.key != key)) for h in hypotheses]
+    return account(as_read(full, readings), acc.bases, hypotheses, signatures, readings,
+                   acc)
 
 
-def _has_room(effect, acc, scene):
-    """Is there room for a process or jumps that are not there yet?"""
-    if any(one.effect.name == effect.name for one in acc.member.effects) or any(
+MOST_STATES = 6    # of a shaping filter
+
+
+def _has_room(effect, acc):
+    """Is there room for a process or jumps that are not there yet? There may be several
+    bands.
+    """
+    if effect.search != "band" and any(
+            one.name == effect.name for one in acc.member.effects) or any(
             effect.name == h.hypothesis.model.__name__ for h in acc.hypotheses):
         return False
-    more = dict(bias_instability=len(flicker_times(scene))).get(
-        effect.name, bool(effect.model))
-    return max(_states(h, scene.dt) for h in acc.hypotheses) + more <= 6
-
-
-def _states(h, dt):
-    return len(h.filter(dt, np.array([p.mean for p in h.parameters])).m0)
+    richer = [h.with_effect(effect) for h in acc.hypotheses]
+    return max(len(h.filter(h.scene.dt, np.array([p.mean for p in h.parameters])).m0)
+               for h in richer) <= MOST_STATES
 
 
 def _with_wrong_parameters(scene, acc, effect):
@@ -336,10 +380,39 @@ def _with_wrong_parameters(scene, acc, effect):
         if not any(pushed for _, pushed in widened):
             continue
         wide = account(scene, acc.bases, [h for h, _ in widened], acc.signatures,
-                       acc.readings)
+                       acc.readings, acc)
         yield _Rival(effect, symbol, _log_bayes(wide, acc), account=wide,
                      values=dict(parameter=(symbol, 0.0),
                                  factor=_factor(symbol, acc.hypotheses, wide)))
+
+
+ALL = "all"    # standard deviations, by one factor
+
+
+def _is_single(one):
+    """Is it a single parameter that is wrong?"""
+    return one.effect.factor and one.values["parameter"][0] != ALL
+
+
+def _with_wrong_scale(scene, acc, effect):
+    """The rival in which one factor, wrong units say, is on all standard deviations, if
+    there are several of which the record pushes against one.
+    """
+    if any(one.effect.factor for one in acc.member.effects):
+        return
+    columns = [[c for c, (_, symbol) in enumerate(h.keys) if symbol.startswith("sigma")]
+               for h in acc.hypotheses]
+    if max(map(len, columns)) < 2 or not any(
+            _pushed(h.parameters[c], sample, c) for h, sample, own in zip(
+                acc.hypotheses, acc.samples, columns) for c in own):
+        return
+    factor = Beyond("factor", 1.0 / effect.factor, effect.factor, 1.0, 1.0)
+    scaled = account(scene, acc.bases, [h._replace(effects=(*h.effects, Found(
+        effect, values=dict(factor=factor)))) for h in acc.hypotheses], acc.signatures,
+        acc.readings, acc)
+    yield _Rival(effect, ALL, _log_bayes(scaled, acc), account=scaled,
+                 values=dict(parameter=(ALL, 0.0),
+                             **_values(scaled.member.effects[-1], scaled)))
 
 
 class Beyond(NamedTuple):
@@ -385,12 +458,17 @@ def _widened(h, sample, symbol, factor):
     if column is None:
         return h, False
     base, p = h.hypothesis, h.parameters[column]
-    mean, sd = sample.mean[column], sample.sd()[column]
-    pushed = not p.free or (
-        min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd)
     wide = Beyond(symbol, p.low / factor, p.high * factor, p.low, p.high)
     return h._replace(hypothesis=base._replace(parameters=(
-        *base.parameters[:column], wide, *base.parameters[column + 1:]))), pushed
+        *base.parameters[:column], wide, *base.parameters[column + 1:]))), _pushed(
+            p, sample, column)
+
+
+def _pushed(p, sample, column):
+    """Does a record push against an end of a parameter, or is it a number?"""
+    mean, sd = sample.mean[column], sample.sd()[column]
+    return not p.free or (
+        min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd)
 
 
 def _factor(symbol, hypotheses, wide):

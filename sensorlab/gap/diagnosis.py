@@ -18,12 +18,12 @@ from sensorlab.gap.effects import (
     BLOCK, Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
-from sensorlab.gap.readings import Reading, as_read, readings
+from sensorlab.gap.readings import Reading, as_read, latent_mean, readings
 from sensorlab.gap.remainder import Remainder, parts, remainder
-from sensorlab.gap.search import search
+from sensorlab.gap.search import Search, search
 from sensorlab.gap.twins import Twins, less_shared
 from sensorlab.gap.verdict import (
-    all_causes, needed_duration, unknown_error, verdict_of)
+    all_causes, names_all, names_in, needed_duration, unknown_error, verdict_of)
 
 
 class Diagnosis(NamedTuple):
@@ -67,7 +67,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         Sampling interval, s.
     simulator : Simulator, or sequence of Hypothesis
         Draws one of its hypotheses with equal probability.
-    columns : dict of (N,) arrays, optional
+    columns : dict of (N,) arrays, or DataFrame or Dataset of them, optional
         What was recorded beside the error; `CATALOGUE` names what is looked for.
     effects : sequence of Effect, optional
         By default all of the catalogue.
@@ -95,7 +95,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         If the record is longer than the memory allows.
     """
     y = as_samples(y)
-    columns = {name: as_samples(x) for name, x in (columns or {}).items()}
+    columns = {} if columns is None else {
+        str(name): as_samples(x) for name, x in dict(columns).items()}
     check_scene(y, dt, columns)
     effects = tuple(CATALOGUE.values() if effects is None else effects)
     simulator = _simulator(simulator)
@@ -112,7 +113,8 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     """`diagnose`, of a scene and a simulator that have been checked."""
     say("measuring where it differs", 2)
     shared, new = _readings(raw, simulator)
-    full, known, free, bases = _without_known(simulator, raw)
+    full, known, free, bases = _without_known(simulator, raw, latent_mean(
+        raw.y, [r.found for r in shared + new]))
     base = _with_readings(full, bases, free, shared)
     before = alone = _surely(full, base, trials, seed)
     own = None if simulated is None else Twins(full, base, alone, simulated)
@@ -127,25 +129,25 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     found = Cause(tuple(r.found._replace(values={
         symbol: (value, 0.0) for symbol, value in r.found.values.items()})
         for r in new), 1.0, sum(r.log_bayes for r in new))
-    done = search(full, start, found, effects, before, measured,
-                  own.show if own else lambda one: False)
-    final, after = done.account, done.after
-    path = estimated_together(full, final, done.path)
-    done = done._replace(path=path, leaves={**done.leaves, path.effect: path})
-    closed, rest = closure(before, after), remainder(before, after)
-    directed = bool(path.found and np.isnan(closed.closed))
-    if directed:
-        closed = along_the_filter(path.log_bayes, done.left)
-    closes = parts(full, path, final, closed, before, after, measured)
-    causes = all_causes(done, start, before, rest, [
-        one for one, part in zip(path.found, closes) if part.stays])
+
+    def described(effects):
+        done = search(full, start, found, effects, before, measured,
+                      own.show if own else lambda one: False)
+        return _described(full, done, before, measured)
+    by = described(effects)
+    causes = all_causes(by.search, start, before, by.rest, [
+        one for one, part in zip(by.found, by.parts) if part.stays])
     verdict = verdict_of(causes)
+    if not names_all(verdict, by.found):    # a rival of what is named was the first
+        named = described([e for e in effects if e.name in names_in(verdict)])
+        by = named if names_all(verdict, named.found) else by
+    final, after = by.search.account, by.search.after
     seen = max(np.sum(~np.isnan(as_read(full, start.readings).y)), 1)
     more = final.signatures or len(final.member.effects) > len(start.member.effects)
     say("integrating the error, foretelling the end of the record", 2)
     return Diagnosis(
-        full, verdict, causes, known, base, final, path.found, closes, before, after,
-        closed, directed, closed_by_any(before), rest,
+        full, verdict, causes, known, base, final, by.found, by.parts, before, after,
+        by.closure, by.directed, closed_by_any(before), by.rest,
         drift(full, [as_simulated(acc, full, gap.theta) for acc, gap in (
             (base, before), (final, after))], seed),
         float((final.log_evidence - start.log_evidence) / seen),
@@ -153,6 +155,32 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         if more or final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis
         else None,
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
+
+
+class _Described(NamedTuple):
+    """What a search has found, and what that does."""
+
+    search: Search
+    closure: Closure
+    directed: bool
+    rest: Remainder
+    parts: tuple       # of Part
+
+    @property
+    def found(self):
+        return self.search.path.found
+
+
+def _described(full, done, before, measured):
+    """`_Described` of a search, its effects estimated together."""
+    path = estimated_together(full, done.account, done.path)
+    done = done._replace(path=path, leaves={**done.leaves, path.effect: path})
+    closed = closure(before, done.after)
+    directed = bool(path.found and np.isnan(closed.closed))
+    if directed:
+        closed = along_the_filter(path.log_bayes, done.left)
+    return _Described(done, closed, directed, remainder(before, done.after), parts(
+        full, path, done.account, closed, before, done.after, measured))
 
 
 MOST_ERROR = 0.03    # of a probability, by chance of the simulated records
@@ -176,11 +204,13 @@ def augmented(d):
     base have the posterior's mean and standard deviation, the rest are numbers.
     """
     # a uniform range of this half-width has that standard deviation
-    width = np.sqrt(3.0) * d.final.sample.sd(d.final.theta)
+    to, sample = d.final.member.in_units, d.final.sample
+    width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(d.final.theta))
     (h,), (effects,) = as_simulated(d.final, d.scene, d.after.theta, width)
     known = sum((signature_of(d.scene, one, _numbers(one)) for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))
-    h = h._replace(bias_sigma=float(np.hypot(h.bias_sigma, offset)))
+    bias_sigma = h.bias_sigma or d.final.bases[d.final.best].hypothesis.bias_sigma
+    h = h._replace(bias_sigma=max(bias_sigma, abs(offset)))
     return Simulator((h,), ((*d.known, *effects),))
 
 
@@ -228,10 +258,11 @@ def _with_ramps_as_effects(simulator):
     return Simulator(*map(tuple, zip(*pairs)))
 
 
-def _without_known(simulator, raw):
-    """The scene less an offset and less what the simulator's signatures of known size
-    add, these signatures, those of unknown size as `Signature`, and the members of the
-    simulator with a bias that the record may have.
+def _without_known(simulator, raw, latent=None):
+    """The scene less an offset, which is the `latent` mean if there is one, and less
+    what the simulator's signatures of known size add, these signatures, those of
+    unknown size as `Signature`, and the members of the simulator with a bias that the
+    record may have.
     """
     known, free, added = [], [], np.zeros(len(raw.y))
     for one in simulator.pairs[0][1]:
@@ -252,10 +283,13 @@ def _without_known(simulator, raw):
     if abs(mean) > UNEXPECTED * expected_mean(bases, raw.dt, len(y)):
         # a bias that the simulator does not expect must not pass for an effect
         bases = tuple(_with_bias(h, max(h.bias_sigma, abs(mean))) for h in bases)
-    if abs(mean) > FAR_FROM_ZERO * spread:
-        # its prior is flat where the bias may be: less the mean of the record, a flat
-        # one about zero says the same, and squares keep their digits
-        offset, y = mean, y - mean
+    if latent is not None and any(h.bias_sigma for h in bases):
+        offset = latent - float(np.mean(added))
+    elif abs(mean) > FAR_FROM_ZERO * spread:
+        offset = mean
+    # its prior is flat where the bias may be: less the mean of the record, a flat one
+    # about zero says the same, and squares keep their digits
+    y = y - offset
     # of two numbers in double precision, one must not drown the other
     bases = tuple(_with_bias(h, min(h.bias_sigma, ROUNDING * max(
         spread, abs(float(np.nanmean(y)))))) for h in bases)
@@ -304,9 +338,11 @@ ALIKE = 0.02    # relative: two counts or limits that are the same
 
 
 def _alike(own, seen):
-    """Is a reading of the simulator that of the record? Where samples stick may differ.
+    """Is a reading of the simulator that of the record? Where samples stick or begin to
+    repeat may differ.
     """
-    return all(symbol == "spans" or np.allclose(value, seen[symbol], rtol=ALIKE)
+    return all(symbol in ("spans", "phase")
+               or np.allclose(value, seen[symbol], rtol=ALIKE)
                for symbol, value in own.items())
 
 

@@ -43,6 +43,10 @@ class Gap(NamedTuple):
 
 POSTERIOR_NODES = 24    # parameters that stand for a posterior
 TRIALS = 199    # simulated records behind every p-value
+MOVED = 48      # simulated records behind a move of indirect inference
+MOVES = 24      # moves for a record that readings hide, at most
+THERE = 0.2     # standard deviations, some 1 / sqrt(MOVED): a shorter move is none
+BOUND = 1.0     # of a move
 FEWER = (LONG_RECORD, 4), (10 * LONG_RECORD, 5)    # samples from which on so many times
                                                    # fewer must do
 
@@ -196,27 +200,34 @@ class _Refit(NamedTuple):
         The fit ignores what rounding and clipping do beyond a further white noise, and
         the history of a level: indirect inference (C. Gourieroux, A. Monfort,
         E. Renault, J. Appl. Econometrics 8, 1993). What the record does not tell, the
-        prior keeps in place.
+        prior keeps in place. Under a third of clipped samples the fit is dozens of its
+        own standard deviations off: moves grow where they agree.
         """
         acc, free = self.setting.acc, self.free
         truth = acc.theta.copy()
         level = acc.member.jumps(acc.theta[None]).half[0] > 0.0
         if not free or not (acc.readings or level):
             return truth
-        step, sample = self.step[free], acc.sample
-        cov = np.atleast_2d(np.cov((sample.theta[:, free] / step).T, ddof=0,
-                                   aweights=sample.weight))
-        for _ in range(4):    # with the same noises, or it would walk about
-            _, masked = self.setting.drawn(self.setting.simulator(truth), 48,
+        step = self.step[free]
+        width = np.array([p.high - p.low for p in acc.member.parameters])[free]
+        prior = np.diag(12.0 * (step / width)**2)
+        pace, last = np.ones(len(free)), np.zeros(len(free))
+        for _ in range(MOVES if acc.readings else 4):
+            # with the same noises, or it would walk about
+            _, masked = self.setting.drawn(self.setting.simulator(truth), MOVED,
                                            seed + 100)
             s = self.gains(np.vstack([self.setting.own, masked]))
             s[1:] = _without_tails(s[1:])
-            told = np.cov(s[1:].T).reshape(len(free), -1)
+            precision = prior + np.cov(s[1:].T)
             away = (truth - acc.theta)[free] / step
-            move = cov @ (s[0] - s[1:].mean(0) + told @ away) - away
-            length = np.sqrt(move @ np.linalg.pinv(cov) @ move)    # in deviations
-            truth[free] = np.maximum(truth[free] + move * step / max(length, 1.0),
-                                     0.5 * truth[free])
+            move = np.linalg.solve(precision, s[0] - s[1:].mean(0) - prior @ away)
+            length = max(np.sqrt(move @ precision @ move), 1e-150)
+            if length < THERE:
+                break
+            if acc.readings:    # they tell less of a change than of themselves
+                pace = np.clip(pace * np.where(move * last < 0.0, 0.5, 1.5), 0.25, 9.0)
+            last = pace * move * min(1.0, BOUND / length)
+            truth[free] = np.maximum(truth[free] + last * step, 0.5 * truth[free])
         return truth
 
 

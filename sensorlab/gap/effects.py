@@ -67,13 +67,18 @@ class Effect(NamedTuple):
                                 # array, k <= 2, which a size multiplies; x is the
                                 # column beside the error, psi the parameter,
                                 # or a tuple where there are several
-    model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter
+    model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
+                                # takes the variant, where there are variants
+    variants: tuple = ()        # forms of a model; "" is the first
+    elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
     jumps: Callable = None      # (dt, **parameters) -> Jumps
     reading: Callable = None    # (scene, y, **values) alters values y (..., N) in place
-    factor: float = 0.0         # by which one parameter of the simulator may be wrong
+    factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
+                                # all standard deviations
     parameters: Callable = nothing    # of the scene: priors of all that is no size
     search: str = ""            # how psi is found: "onset", "frequency", "pulse", else
-                                # by a list
+                                # by a list; a model that shows in the spectrum of the
+                                # residuals: "spectrum", or "band" by its frequency
     size: str = "size"          # what the factor of the columns is called
     column: str = ""            # what must be recorded beside the error; "*" is what no
                                 # other effect names, "any" is anything
@@ -94,10 +99,16 @@ class Found(NamedTuple):
     values: dict = {}    # symbol -> Parameter or number in a simulator, a size and a
                          # phase among them; (mean, sd) in an answer
     share: float = 1.0   # probability of the variant among all, in an answer
+    number: int = 1      # inside a filter, where there are several of one effect
 
     @property
     def name(self):
         return self.effect.name
+
+    @property
+    def key(self):
+        """Its name among the effects inside a filter."""
+        return self.name if self.number == 1 else f"{self.name}_{self.number}"
 
 
 class Simulator(NamedTuple):
@@ -142,7 +153,7 @@ class Member(NamedTuple):
     def keys(self):
         """(effect, symbol) of every parameter; "" is no effect."""
         return [*(("", p.symbol) for p in self.hypothesis.parameters), *(
-            (one.name, symbol) for one in self.effects for symbol in one.values)]
+            (one.key, symbol) for one in self.effects for symbol in one.values)]
 
     def value(self, theta, effect, symbol):
         """A parameter by name from theta (..., p)."""
@@ -150,18 +161,43 @@ class Member(NamedTuple):
 
     def of(self, one, theta):
         """Parameters of one of the effects by symbol from theta (..., p)."""
-        return {symbol: self.value(theta, one.name, symbol) for symbol in one.values}
+        return {symbol: self.value(theta, one.key, symbol) for symbol in one.values}
+
+    def in_units(self, theta):
+        """Theta (..., p) with all standard deviations times their common factor, if it
+        is one of the effects: those of the hypothesis and of the effects before it.
+        """
+        for number, one in enumerate(self.effects):
+            if one.effect.factor:
+                before = self._replace(effects=self.effects[:number]).keys
+                scaled = [c for c, (_, symbol) in enumerate(before)
+                          if symbol.startswith("sigma")]
+                factor = self.value(theta, one.key, "factor")
+                theta = theta.copy()
+                theta[..., scaled] *= np.asarray(factor)[..., None]
+        return theta
 
     def filter(self, dt, theta):
-        """Shaping filter at one value of the parameters."""
-        filt = self.hypothesis.filter(dt, theta[:len(self.hypothesis.parameters)])
+        """Shaping filter at one value of the parameters, or at all nodes (p, M, 1)."""
+        theta = iter(np.moveaxis(self.in_units(np.moveaxis(theta, 0, -1)), -1, 0))
+        filt = self.hypothesis.filter(dt, [next(theta) for _ in
+                                           self.hypothesis.parameters])
         for one in self.effects:
+            own = {symbol: next(theta) for symbol in one.values}
             if one.effect.model:
-                filt = one.effect.model(self.scene, filt, **self.of(one, theta))
+                form = dict(variant=one.variant) if one.effect.variants else {}
+                filt = one.effect.model(self.scene, filt, **form, **own)
         return filt
+
+    @property
+    def elementwise(self):
+        """Does `filter` take all nodes at once?"""
+        return self.hypothesis.elementwise and all(
+            one.effect.elementwise for one in self.effects if one.effect.model)
 
     def jumps(self, theta):
         """`Jumps` at theta (M, p), each part (M,)."""
+        theta = self.in_units(theta)
         parts = [Jumps(*np.zeros((4, len(theta)))), *(
             one.effect.jumps(self.scene.dt, **self.of(one, theta))
             for one in self.effects if one.effect.jumps)]
@@ -174,22 +210,33 @@ class Member(NamedTuple):
     @property
     def onsets(self):
         """Keys of the onsets of effects that have one."""
-        return [(one.name, next(iter(one.values))) for one in self.effects
+        return [(one.key, next(iter(one.values))) for one in self.effects
                 if one.effect.search == "onset"]
+
+    @property
+    def is_patchy(self):
+        """Is it no stationary Gaussian process, which its spectrum would tell?"""
+        return self.has_jumps or any(
+            p.free for key, p in zip(self.keys, self.parameters) if key in self.onsets)
 
     def fixed(self, known):
         """The same with parameters of its effects fixed, by key."""
         return self._replace(effects=tuple(
             one._replace(values={
-                symbol: p._replace(low=known[one.name, symbol],
-                                   high=known[one.name, symbol])
-                if (one.name, symbol) in known else p
+                symbol: p._replace(low=known[one.key, symbol],
+                                   high=known[one.key, symbol])
+                if (one.key, symbol) in known else p
                 for symbol, p in one.values.items()}) for one in self.effects))
 
-    def with_effect(self, effect):
+    def with_effect(self, effect, variant=""):
         """The same with one more effect, its parameters free."""
-        return self._replace(effects=(*self.effects, Found(effect, values={
-            p.symbol: p for p in effect.parameters(self.scene)})))
+        return self.joined(Found(effect, variant=variant, values={
+            p.symbol: p for p in effect.parameters(self.scene)}))
+
+    def joined(self, one):
+        """The same with one more effect as `Found`, of a key of its own."""
+        last = max((e.number for e in self.effects if e.name == one.name), default=0)
+        return self._replace(effects=(*self.effects, one._replace(number=last + 1)))
 
     def matching(self, other, theta):
         """Parameters (p,) of another member that are those of this one at theta, or
@@ -202,13 +249,16 @@ class Member(NamedTuple):
 
 def members(simulator, scene):
     """The hypotheses of a simulator with the effects that are inside their filters."""
-    return tuple(
-        Member(h, scene, tuple(
-            one._replace(values={p.symbol: one.values[p.symbol]
-                                 for p in one.effect.parameters(scene)})
-            for one in effects if (one.effect.model or one.effect.jumps)
-            and not one.effect.reading))
-        for h, effects in simulator.pairs)
+    result = []
+    for h, effects in simulator.pairs:
+        member = Member(h, scene)
+        for one in effects:
+            if (one.effect.model or one.effect.jumps) and not one.effect.reading:
+                member = member.joined(one._replace(values={
+                    p.symbol: one.values[p.symbol]
+                    for p in one.effect.parameters(scene)}))
+        result.append(member)
+    return tuple(result)
 
 
 LONG_RECORD = 20000    # samples from which on fewer draws must do

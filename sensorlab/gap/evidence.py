@@ -18,7 +18,7 @@ from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tem
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import with_constants
 from sensorlab.gap.kernels import (
-    ABREAST, KERNEL, groups, in_threads, predict_covariance, predict_state,
+    ABREAST, KERNEL, groups, in_threads, load, predict_covariance, predict_state,
     update_covariance, update_state)
 
 
@@ -132,7 +132,7 @@ def _log_normal(x):
     return -0.5 * (x * x).sum(1) - 0.5 * x.shape[1] * LOG_2PI
 
 
-def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
+def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
               seed=0, effort=1.0):
     """Evidence and posterior sample by adaptive multiple importance sampling.
 
@@ -141,8 +141,9 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
     log_likelihood : function of theta (M, p)
         Gives (M, E): log-likelihoods of E rival explanations, whose sum is sampled.
     parameters : tuple of Parameter
-    guess : (k,) and (k, k) array, optional
-        Mean and covariance that the first k free parameters may have, in the
+        One with a `log_ratio` is drawn from another law than its prior.
+    guesses : sequence of (k,) and (k, k) array, optional
+        Means and covariances that the first k free parameters may have, in the
         coordinates where the prior is standard normal.
     move : function of theta (M, p), optional
         Gives theta mapped to where the mass is, and the log of the prior density there
@@ -163,10 +164,15 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
     sampling", Scand. J. Stat. 39, 2012. Coordinates in which the prior is N(0, I) have
     no edges. Early proposals follow the tempered posterior.
     """
+    sought = [c for c, p in enumerate(parameters) if hasattr(p, "log_ratio")]
+
     def located(x):
         theta, moved = at_quantiles(parameters, ndtr(x)), np.zeros(len(x))
+        for column in sought:
+            moved += parameters[column].log_ratio(theta[:, column])
         if move is not None:
-            theta, moved = move(theta)
+            theta, more = move(theta)
+            moved += more
         ll = log_likelihood(theta)
         return _Points(x, theta, moved, np.where(np.isfinite(ll), ll, NOTHING))
 
@@ -177,16 +183,16 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
                       one.log_likelihood[0])
     rng = np.random.default_rng(seed)
     few, enough = round(effort * ROUND), effort * ENOUGH_POINTS
-    x, proposals = _first_points(d, guess, few, rng)
+    x, proposals = _first_points(d, guesses, few, rng)
     points, modes, missed = located(x), [], True
     for attempt in range(MAX_ROUNDS):
         log_weight = points.log_weight(proposals)
         effective = 1.0 / np.sum(normalized(points.total + log_weight)**2)
         found = effective >= 5.0 * (d + 1)
         below = floor - logsumexp(points.total + log_weight)
-        if effective >= enough or found and below > HOPELESS_NATS or (
-                below > 3.0 * HOPELESS_NATS
-                and (effective >= 2.0 * (d + 1) or attempt > CLIMB_AFTER + 1)):
+        hopeless = below > HOPELESS_NATS and effective >= 2.0 * (d + 1) or (
+            below > 3.0 * HOPELESS_NATS and attempt > CLIMB_AFTER + 1)
+        if effective >= enough or hopeless:
             break
         if attempt in (CLIMB_AFTER, CLIMB_AFTER + 1) and missed and not found:
             start, height = _highest(points, modes)
@@ -204,22 +210,23 @@ def integrate(log_likelihood, parameters, guess=None, move=None, floor=-np.inf,
         points.log_likelihood + log_weight[:, None], axis=0))
 
 
-def _first_points(d, guess, few, rng):
-    """Points of a Latin hypercube of the prior, and of a guess if there is one; the
+def _first_points(d, guesses, few, rng):
+    """Points of a Latin hypercube of the prior, and of guesses if there are any; the
     proposals that they come from.
     """
     # few of the prior where a whole guess may do better
-    count = ROUND if guess is None else few if len(guess[0]) < d else few // 4
-    x = ndtri(LatinHypercube(d, rng=rng).random(count))
+    count = (ROUND if not guesses else
+             few if all(len(mean) < d for mean, _ in guesses) else few // 4)
+    x = [ndtri(LatinHypercube(d, rng=rng).random(count))]
     proposals = [(count, _log_normal)]
-    if guess is not None:
-        k = len(guess[0])
+    for own, own_cov in guesses:
+        k = len(own)
         mean, cov = np.zeros(d), np.eye(d)
-        mean[:k], cov[:k, :k] = guess
+        mean[:k], cov[:k, :k] = own, own_cov
         more, density = _drawn(mean, cov, few, rng)
-        x = np.vstack([x, more])
+        x.append(more)
         proposals.append((few, density))
-    return x, proposals
+    return np.vstack(x), proposals
 
 
 def _drawn(mean, cov, count, rng):
@@ -325,7 +332,7 @@ def _draw_onset(gain, peak, u):
     return onset, np.log((1.0 - STRAY_SHARE) * share * len(gain) + STRAY_SHARE)
 
 
-def draw_onsets(y, H, modes, early, late, u, least, most):
+def draw_onsets(y, H, own, pair, early, late, u, least, most):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
     the log of their density over that of a uniform law from least to most; ABREAST
     nodes side by side.
@@ -336,42 +343,40 @@ def draw_onsets(y, H, modes, early, late, u, least, most):
     f changes, and what may be an outlier counts little.
     """
     onset, density = np.zeros((2, len(u)))
-    in_threads(_draw_onset_groups, groups(len(u)), y, H, modes, early, late, u, least,
-               most, onset, density)
+    in_threads(_draw_onset_groups, groups(len(u)), y, H, own, pair, early, late, u,
+               least, most, onset, density)
     return onset, density
 
 
 @njit(**KERNEL)
-def _draw_onset_groups(first, last, y, H, modes, early, late, u, least, most, onset,
+def _draw_onset_groups(first, last, y, H, own, pair, early, late, u, least, most, onset,
                        density):
     """Groups of `draw_onsets`."""
-    (M, n), N = modes.shape[1:], len(y)
+    (M, n), N = own.shape[1:], len(y)
     for group in range(first, last):
         start, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
-        a, q = np.zeros((n, ABREAST)), np.zeros((n, ABREAST))
-        P, x = np.empty((n, n, ABREAST)), np.empty((n, ABREAST))
-        Ph, f, nu = np.empty((n, ABREAST)), np.empty(ABREAST), np.empty(ABREAST)
-        noise, last, log_f = np.ones(ABREAST), np.zeros(ABREAST), np.zeros(ABREAST)
+        node = np.minimum(start + np.arange(ABREAST), M - 1)
+        parts, P = np.empty((6, n, ABREAST)), np.empty((n, n, ABREAST))
+        x, Ph = np.empty((n, ABREAST)), np.empty((n, ABREAST))
+        f, nu = np.empty(ABREAST), np.empty(ABREAST)
+        noise, former, log_f = np.ones(ABREAST), np.zeros(ABREAST), np.zeros(ABREAST)
         weight, gain = np.empty(ABREAST), np.empty(ABREAST)
         odds = np.zeros((N, ABREAST))
         for changed in range(2):
-            P[:], x[:] = 0.0, 0.0
-            for g in range(number):
-                node = start + g
-                noise[g] = late[node] if changed else early[node]
-                for s in range(n):
-                    a[s, g], q[s, g] = modes[0, node, s], modes[1, node, s]
-                    P[s, s, g] = modes[2, node, s]
+            x[:] = 0.0
+            load(own, pair, node, parts, P)
+            for g in range(ABREAST):
+                noise[g] = late[node[g]] if changed else early[node[g]]
             for i in range(N):
                 for g in range(ABREAST):
                     f[g], nu[g] = noise[g], y[i]
-                predict_covariance(a, q, H[i], P, Ph, f)
-                predict_state(a, H[i], x, nu)
+                predict_covariance(parts, pair, H[i], P, Ph, f)
+                predict_state(parts, pair, H[i], x, nu)
                 if np.isnan(y[i]):
                     continue
                 for g in range(ABREAST):
-                    if abs(f[g] - last[g]) > 1e-6 * f[g]:
-                        last[g], log_f[g] = f[g], np.log(f[g])
+                    if abs(f[g] - former[g]) > 1e-6 * f[g]:
+                        former[g], log_f[g] = f[g], np.log(f[g])
                     square = nu[g] * nu[g] / f[g]
                     odds[i, g] += (changed - 0.5) * (
                         log_f[g] + min(square, WILD_SQUARE))
@@ -411,7 +416,7 @@ def onset_law(h, scene, signatures):
         early, H = with_constants(h, scene, signatures, at_onset(theta, scene.duration))
         late, _ = with_constants(h, scene, signatures, at_onset(theta, 0.0))
         onset, density = draw_onsets(
-            scene.y, H, np.array(early[:3]), early.r[:, 0].copy(),
+            scene.y, H, early.own, early.pair, early.r[:, 0].copy(),
             late.r[:, -1].copy(), (theta[:, at] - low) / (high - low), least, most)
         return at_onset(theta, onset * scene.dt), -density
     return moved

@@ -38,18 +38,52 @@ class Predicted(NamedTuple):
 
 
 def processes(h, scene, theta):
-    """The one-state processes that a hypothesis is the sum of at theta (M, p)."""
+    """The one-state processes that a hypothesis is the sum of at theta (M, p), or that
+    have the covariance of such a sum.
+    """
     return _modes_of(h, bank(h, scene.dt, theta))
 
 
 def _modes_of(h, b):
     """`Modes` of a hypothesis with this bank."""
-    own = modes(b)
+    own = modes(b) or equivalent_modes(b)
     if own is None:
         raise ValueError(f"{h.name} is no sum of independent one-state processes: "
                          "only such hypotheses can be diagnosed; give a ramp as an "
                          "effect of a random walk")
     return own
+
+
+SAME = 1e-8    # relative: two numbers that are equal but for rounding
+
+
+def equivalent_modes(b):
+    """`Modes` whose sum has the covariance of the output of a bank, or None where there
+    are none.
+
+    All that a filter says of its output follows from the covariance of the output.
+    That of a stationary filter is a sum of terms v a^|k|, a the eigenvalues of Phi.
+    Each is that of a process, if v may be negative (less white noise below a frequency)
+    and a complex (a band, with its conjugate): the recursions hold all the same, for
+    what such processes lack of the true covariance is constant and never seen.
+    """
+    if not b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1 or b.m0.any():
+        return None
+    a, axes = np.linalg.eig(b.Phi[:, 0])
+    if np.linalg.cond(axes).max() > 1.0 / SAME:
+        return None
+    # the states of which each is observed by 1, and their covariances
+    to = (b.H @ axes).swapaxes(1, 2) * np.linalg.inv(axes)
+    Q, P = (to @ m @ to.swapaxes(1, 2) for m in (b.Q[:, 0], b.P0))
+    apart = ~np.eye(a.shape[1], dtype=bool)
+    step = a[:, :, None] * P * a[:, None, :] + Q
+    if np.abs(step - P)[:, apart].max() > SAME * np.abs(P).max():
+        return None
+    p0 = P.sum(2)
+    q = step.sum(2) - a**2 * p0
+    if not a.imag.any():
+        a, q, p0 = a.real, q.real, p0.real
+    return Modes(a, q, p0, b.r)
 
 
 def constants(h, signatures):
@@ -58,18 +92,49 @@ def constants(h, signatures):
         np.full(s.columns.shape[1], s.sd**2) for s in signatures)])
 
 
+class Parts(NamedTuple):
+    """Filters that fall apart into processes of one state and of two, at M nodes."""
+
+    own: np.ndarray     # (6, M, n) factors of a state and of the other one of its pair,
+                        # variances of the noises and their covariances with that of
+                        # the other, and both at first
+    pair: np.ndarray    # (n,) number of the other state, or its own
+    h: np.ndarray       # (n,) what observes the states
+    r: np.ndarray       # (M, 1 or N) variance of the white noise
+
+    __repr__ = brief
+
+
+def parts_of(h, b):
+    """`Parts` of a hypothesis with this bank."""
+    n = b.Phi.shape[2]
+    timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1
+    joined = sum(np.abs(m).sum(0) for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)) > 0.0
+    joined = (joined | joined.T) & ~np.eye(n, dtype=bool)
+    if not timeless or b.m0.any() or (b.H != b.H[0]).any() or joined.sum(1).max() > 1:
+        raise ValueError(f"{h.name} is no sum of independent processes of one state or "
+                         "two: only such hypotheses can be diagnosed; give a ramp as "
+                         "an effect of a random walk")
+    pair = np.where(joined.any(1), joined.argmax(1), np.arange(n))
+    beside = (pair != np.arange(n)) * 1.0
+    own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
+           for part in (m[:, range(n), range(n)], m[:, range(n), pair] * beside)]
+    return Parts(np.array(own), pair, b.H[0, 0], b.r)
+
+
 def with_constants(h, scene, signatures, theta):
-    """`Modes` with the bias and the sizes of signatures as further processes, and what
+    """`Parts` with the bias and the sizes of signatures as further processes, and what
     observes them, (N, n).
     """
-    own, M = processes(h, scene, theta), len(theta)
+    one = parts_of(h, bank(h, scene.dt, theta))
     variance = constants(h, signatures)
-    k = len(variance)
-    H = np.column_stack([np.ones((len(scene.y), own.a.shape[1] + 1)),
+    k, n = len(variance), len(one.pair)
+    more = np.zeros((6, len(theta), k))
+    more[0], more[4] = 1.0, variance
+    H = np.column_stack([np.tile(np.append(one.h, 1.0), (len(scene.y), 1)),
                          *(s.columns for s in signatures)])
-    return Modes(np.hstack([own.a, np.ones((M, k))]),
-                 np.hstack([own.q, np.zeros((M, k))]),
-                 np.hstack([own.p0, np.tile(variance, (M, 1))]), own.r), H
+    return one._replace(own=np.concatenate([one.own, more], axis=2),
+                        pair=np.append(one.pair, n + np.arange(k))), H
 
 
 def filtered(h, scene, signatures, theta, y):
@@ -77,7 +142,7 @@ def filtered(h, scene, signatures, theta, y):
     own, H = with_constants(h, scene, signatures, theta)
     (R, N), M = y.shape, len(theta)
     if _is_plain(h, y):
-        return plain_filters(y, H, np.array(own[:3]), own.r, np.empty((R, M, 0)),
+        return plain_filters(y, H, own.own, own.pair, own.r, np.empty((R, M, 0)),
                              np.empty((M, 0)))
     return _through_mixtures(h, own, H, theta, y, np.empty((R, M, 0, N)))
 
@@ -90,7 +155,7 @@ def _is_plain(h, y):
 
 def _through_mixtures(h, own, H, theta, y, out):
     jumps = h.jumps(theta)
-    return mixture_filters(y, H, np.array(own[:3]), own.r, np.column_stack(jumps[:2]),
+    return mixture_filters(y, H, own.own, own.pair, own.r, np.column_stack(jumps[:2]),
                            np.column_stack(jumps[2:]), out)
 
 
@@ -101,7 +166,7 @@ def predict(h, scene, signatures, theta, y=None):
     (R, N), M = y.shape, len(theta)
     if _is_plain(h, y):
         z, log_f = np.empty((R, M, N)), np.empty((M, N))
-        total = plain_filters(y, H, np.array(own[:3]), own.r, z, log_f)
+        total = plain_filters(y, H, own.own, own.pair, own.r, z, log_f)
         log_score = z * z
         log_score += log_f + LOG_2PI
         log_score *= -0.5
@@ -199,7 +264,7 @@ def polarized(b, scene, rows, pairs):
         for row, (i, j) in zip(every[count:], pairs):
             np.add(rows[i], rows[j], out=row)
         every[:, gap] = np.nan
-    sums = next(filter_bank(b, every, [len(gap)]))
+    sums = next(filter_bank(b, every, [len(gap)], few=True))
     cross = [0.5 * (chi2 - sums.chi2[i] - sums.chi2[j])
              for chi2, (i, j) in zip(sums.chi2[count:], pairs)]
     return sums, np.array(cross)
@@ -226,11 +291,11 @@ def solve(h, scene, signatures, theta):
     observed = 1.0 - np.isnan(scene.y)
     X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
     b = bank(h, scene.dt, theta)
-    own = _modes_of(h, b)
-    w, steps, log_det = adjoint(X, observed, np.array(own[:3]), own.r)
+    one = parts_of(h, b)
+    w, steps, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.r)
     M, c, N = w.shape
     gram = row_products(w.reshape(-1, N), X).reshape(M, c, c)
     known = marginal(gram, log_det, observed.sum(), constants(h, signatures))
     residual = w[:, 0] - np.einsum("mj,mji->mi", known.size, w[:, 1:])
     return Solved(known.log_likelihood, residual, w[:, 1:], known.covariance, steps,
-                  known.size, own, b)
+                  known.size, _modes_of(h, b), b)

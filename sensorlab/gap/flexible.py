@@ -29,8 +29,9 @@ def stays_needed(effect, without_it, with_it):
     """
     if effect.reading:
         return True
-    process = effect.factor or effect.model and not effect.search
-    wide = (0 if process else LAGS, 1 if effect.search and effect.model else SPANS,
+    change = effect.model and effect.search == "onset"
+    process = effect.factor or effect.model and not change
+    wide = (0 if process else LAGS, 1 if change else SPANS,
             not effect.column)
     gain = _scores(with_it, *wide) - _scores(without_it, *wide)
     if process:
@@ -40,7 +41,7 @@ def stays_needed(effect, without_it, with_it):
     if effect.jumps and _closed_at_worst(without_it, with_it) < MOST:
         return False
     # the best of as many places as it could be at gains that much by chance
-    searched = np.log(len(with_it.z)) if effect.search else 0.0
+    searched = np.log(len(with_it.z)) if effect.search not in ("", "spectrum") else 0.0
     return bool(gain.sum() > NEEDED_NATS + searched)
 
 

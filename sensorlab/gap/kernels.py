@@ -1,10 +1,14 @@
-"""Kernels of the gap: recursions of sums of one-state processes, side by side.
+"""Kernels of the gap: recursions of sums of processes of one state or two, side by
+side.
 
 ABREAST nodes, or pairs of a record and a node, lie side by side in the last axis of all
 arrays, a length that is known when the loops are compiled. The steps that every such
 recursion takes stand first, once for all of them; h (n,) observes the states; of a
-covariance the lower half is kept. (The bank of `sensorid` writes its own steps out:
-built of these it takes twice as long, see tests/bench_gap.py.)
+covariance the lower half is kept. A state is six numbers, as `filters.Parts` has them:
+its factor a, and b of the other state of its pair; variance q of its noise, and
+covariance c with that of the other; both at first. pair (n,) is the number of the other
+state, or its own. (The bank of `sensorid` writes its own steps out: built of these it
+takes twice as long, see tests/bench_gap.py.)
 
 Kernels do the groups first ... last - 1 and are called through `in_threads`: a parallel
 loop of Numba is compiled twice, which a first call would wait for, and its threads spin
@@ -63,19 +67,81 @@ def groups(count):
 
 
 @njit(**JIT)
-def predict_covariance(a, q, h, P, Ph, f):
+def has_pairs(pair):
+    """Is any state one of two?"""
+    for s in range(len(pair)):
+        if pair[s] != s:
+            return True
+    return False
+
+
+@njit(**JIT)
+def turn(a, b, pair, x):
+    """Phi x in place, x (n, lanes); Phi has a on its diagonal, b beside it."""
+    for s in range(len(pair)):
+        t = pair[s]
+        for g in range(x.shape[1]):
+            if t == s:
+                x[s, g] *= a[s, g]
+            elif t > s:
+                old = x[s, g]
+                x[s, g] = a[s, g] * old + b[s, g] * x[t, g]
+                x[t, g] = a[t, g] * x[t, g] + b[t, g] * old
+
+
+@njit(**JIT)
+def turn_covariance(a, b, pair, P):
+    """Phi P Phi' in place, P (n, n, lanes), of which the lower half is given."""
+    n = len(pair)
+    for s in range(n):
+        for t in range(s):
+            for g in range(P.shape[2]):
+                P[t, s, g] = P[s, t, g]
+    for t in range(n):
+        turn(a, b, pair, P[:, t])
+    for s in range(n):
+        turn(a, b, pair, P[s])
+
+
+@njit(**JIT)
+def load(own, pair, node, parts, P):
+    """The numbers of the nodes (ABREAST,) of all lanes, parts (6, n, ABREAST), and the
+    covariance P (n, n, ABREAST) at first.
+    """
+    n = own.shape[2]
+    for s in range(n):
+        for t in range(n):
+            for g in range(ABREAST):
+                P[s, t, g] = 0.0
+        for g in range(ABREAST):
+            for k in range(6):
+                parts[k, s, g] = own[k, node[g], s]
+            P[s, s, g] = parts[4, s, g]
+            if pair[s] != s:
+                P[s, pair[s], g] = parts[5, s, g]
+
+
+@njit(**JIT)
+def predict_covariance(parts, pair, h, P, Ph, f):
     """P (n, n, ABREAST) one step on, its product Ph (n, ABREAST) with h, and h P h'
     added to f (ABREAST,), Eqs. (6), (8).
     """
-    n = len(a)
+    a, b, q, c = parts[0], parts[1], parts[2], parts[3]
+    n, paired = len(pair), has_pairs(pair)
+    if paired:
+        turn_covariance(a, b, pair, P)
     for s in range(n):
         for g in range(ABREAST):
             Ph[s, g] = 0.0
-        for t in range(s + 1):
-            for g in range(ABREAST):
-                P[s, t, g] *= a[s, g] * a[t, g]
+        if not paired:
+            for t in range(s + 1):
+                for g in range(ABREAST):
+                    P[s, t, g] *= a[s, g] * a[t, g]
         for g in range(ABREAST):
             P[s, s, g] += q[s, g]
+        if pair[s] < s:
+            for g in range(ABREAST):
+                P[s, pair[s], g] += c[s, g]
         for t in range(s):
             for g in range(ABREAST):
                 Ph[s, g] += h[t] * P[s, t, g]
@@ -98,12 +164,17 @@ def update_covariance(P, Ph, weight):
 
 
 @njit(**JIT)
-def predict_state(a, h, x, nu):
+def predict_state(parts, pair, h, x, nu):
     """x (n, ABREAST) one step on; what h sees of it leaves nu (ABREAST,), Eq. (7)."""
-    n = len(a)
+    a, b, n = parts[0], parts[1], len(pair)
+    if has_pairs(pair):
+        turn(a, b, pair, x)
+    else:
+        for s in range(n):
+            for g in range(ABREAST):
+                x[s, g] *= a[s, g]
     for s in range(n):
         for g in range(ABREAST):
-            x[s, g] *= a[s, g]
             nu[g] -= h[s] * x[s, g]
 
 
@@ -116,47 +187,62 @@ def update_state(x, Ph, gain):
             x[s, g] += Ph[s, g] * gain[g]
 
 
-def plain_filters(y, H, modes, r, z, log_f):
+def plain_filters(y, H, own, pair, r, z, log_f):
     """Log-likelihoods (R, M) of records with the same gaps under filters without jumps.
 
-    y (R, N); H (N, n) observes n independent processes; modes (3, M, n) their factors,
-    noise variances and initial variances; r (M, 1 or N). z (R, M, N) gets normal
-    scores and log_f (M, N) logarithms of the variances that they are over; arrays
-    (R, M, 0) and (M, 0) get nothing.
+    y (R, N); H (N, n) observes n states; own (6, M, n), pair (n,) and r (M, 1 or N) are
+    the parts of `filters.Parts`. z (R, M, N) gets normal scores and log_f (M, N)
+    logarithms of the variances that they are over; arrays (R, M, 0) and (M, 0) get
+    nothing.
 
     The covariance of a node serves all records.
     """
-    total = np.empty((len(y), modes.shape[1]))
-    in_threads(_filter_records, groups(len(y)) * modes.shape[1], y, H, modes, r, z,
+    total = np.empty((len(y), own.shape[1]))
+    in_threads(_filter_records, groups(len(y)) * own.shape[1], y, H, own, pair, r, z,
                log_f, total)
     return total
 
 
 @njit(**KERNEL)
-def _filter_records(first, last, y, H, modes, r, z, log_f, total):
+def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
     """Pairs of a group of records and a node, of `plain_filters`."""
     R, N = y.shape
-    M, n = modes.shape[1:]
-    for pair in range(first, last):
-        group, node = pair // M, pair % M
+    M, n = own.shape[1:]
+    paired = has_pairs(pair)
+    for both in range(first, last):
+        group, node = both // M, both % M
         begin, number = group * ABREAST, min(ABREAST, R - group * ABREAST)
-        a, q, P, Ph = modes[0, node], modes[1, node], np.zeros((n, n)), np.empty(n)
+        a, b, q, c = own[0, node], own[1, node], own[2, node], own[3, node]
+        P, Ph = np.zeros((n, n)), np.empty(n)
         x, nu = np.zeros((n, ABREAST)), np.zeros(ABREAST)
+        lanes_a, lanes_b = np.empty((2, n, ABREAST))
         chi2, log_det, product, count = np.zeros(ABREAST), 0.0, 1.0, 0
         for s in range(n):
-            P[s, s] = modes[2, node, s]
+            P[s, s] = own[4, node, s]
+            if pair[s] < s:
+                P[s, pair[s]] = own[5, node, s]
+            for g in range(ABREAST):
+                lanes_a[s, g], lanes_b[s, g] = a[s], b[s]
         for i in range(N):
             f, seen = r[node, min(i, r.shape[1] - 1)], not np.isnan(y[begin, i])
+            if paired:
+                turn_covariance(a.reshape(n, 1), b.reshape(n, 1), pair,
+                                P.reshape(n, n, 1))
+                turn(lanes_a, lanes_b, pair, x)
+            else:
+                for s in range(n):
+                    for t in range(s + 1):
+                        P[s, t] *= a[s] * a[t]
+                    for g in range(ABREAST):
+                        x[s, g] *= a[s]
             for s in range(n):
-                Ph[s] = 0.0
+                P[s, s] += q[s]
+                Ph[s] = H[i, s] * P[s, s]
+                if pair[s] < s:
+                    P[s, pair[s]] += c[s]
                 for t in range(s):
-                    P[s, t] *= a[s] * a[t]
                     Ph[s] += H[i, t] * P[s, t]
                     Ph[t] += H[i, s] * P[s, t]
-                P[s, s] = a[s] * a[s] * P[s, s] + q[s]
-                Ph[s] += H[i, s] * P[s, s]
-                for g in range(ABREAST):
-                    x[s, g] *= a[s]
             for s in range(n):
                 f += H[i, s] * Ph[s]
             if log_f.shape[1]:
@@ -187,11 +273,10 @@ def _filter_records(first, last, y, H, modes, r, z, log_f, total):
             total[begin + g, node] = -0.5 * (count * LOG_2PI + log_det + chi2[g])
 
 
-def mixture_filters(y, H, modes, r, outlier, jump, out):
+def mixture_filters(y, H, own, pair, r, outlier, jump, out):
     """Log-likelihoods (R, M) of records under filters with outliers and two levels.
 
-    y (R, N); H (N, n) observes n independent processes; modes (3, M, n) their factors,
-    noise variances and initial variances; r (M, 1 or N). outlier (M, 2) = rate,
+    y (R, N), H, own, pair and r as for `plain_filters`; outlier (M, 2) = rate,
     variance; jump (M, 2) = probability of a change of level, half the distance of the
     levels (0: one level). out (R, M, 4 or 0, N) gets of every sample the predictive
     probabilities below and above it, that of its being an outlier, and its log density;
@@ -200,24 +285,24 @@ def mixture_filters(y, H, modes, r, outlier, jump, out):
     One Gaussian per level is kept (interacting multiple models; Blom and Bar-Shalom,
     "The interacting multiple model algorithm", IEEE Trans. Autom. Control 33, 1988).
     """
-    total = np.empty((len(y), modes.shape[1]))
+    total = np.empty((len(y), own.shape[1]))
     levels = 2 if jump[:, 1].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
-    in_threads(_filter_mixtures, groups(total.size), levels, kinds, y, H, modes, r,
+    in_threads(_filter_mixtures, groups(total.size), levels, kinds, y, H, own, pair, r,
                outlier, jump, out, total)
     return total
 
 
 @njit(**KERNEL)
-def _filter_mixtures(first, last, levels, kinds, y, H, modes, r, outlier, jump, out,
-                     total):
+def _filter_mixtures(first, last, levels, kinds, y, H, own, pair, r, outlier, jump,
+                     out, total):
     """Groups of `mixture_filters`."""
     N, rows = y.shape[1], out.shape[2]
-    M, n = modes.shape[1:]
-    pairs = len(y) * M
+    M, n = own.shape[1:]
+    count = len(y) * M
     for group in range(first, last):
         record, node = np.empty(ABREAST, np.int64), np.empty(ABREAST, np.int64)
-        A, Q = np.empty((n, ABREAST)), np.empty((n, ABREAST))
+        parts = np.empty((6, n, ABREAST))
         rate, wider = np.empty(ABREAST), np.empty(ABREAST)
         change, offset = np.empty(ABREAST), np.empty(ABREAST)
         x, P = np.zeros((levels, n, ABREAST)), np.zeros((levels, n, n, ABREAST))
@@ -231,16 +316,14 @@ def _filter_mixtures(first, last, levels, kinds, y, H, modes, r, outlier, jump, 
         least, wild = np.empty(ABREAST), np.zeros((levels, ABREAST))
         gain, shrink = np.empty(ABREAST), np.empty(ABREAST)
         log_f, product = np.zeros(ABREAST), np.ones(ABREAST)
-        number = min(ABREAST, pairs - group * ABREAST)
+        number = min(ABREAST, count - group * ABREAST)
         for g in range(ABREAST):
-            pair = min(group * ABREAST + g, pairs - 1)
-            record[g], node[g] = pair // M, pair % M
+            both = min(group * ABREAST + g, count - 1)
+            record[g], node[g] = both // M, both % M
             rate[g], wider[g] = outlier[node[g], 0], outlier[node[g], 1]
             change[g], offset[g] = jump[node[g], 0], jump[node[g], 1]
-            for s in range(n):
-                A[s, g], Q[s, g] = modes[0, node[g], s], modes[1, node[g], s]
-                for level in range(levels):
-                    P[level, s, s, g] = modes[2, node[g], s]
+        for level in range(levels):
+            load(own, pair, node, parts, P[level])
         for i in range(N):
             if levels == 2:
                 _mix_levels(change, weight, prior, share, apart, x, P)
@@ -254,8 +337,8 @@ def _filter_mixtures(first, last, levels, kinds, y, H, modes, r, outlier, jump, 
             for level in range(levels):
                 for g in range(ABREAST):
                     f[g] = r[node[g], min(i, r.shape[1] - 1)]
-                predict_covariance(A, Q, H[i], P[level], Ph[level], f)
-                predict_state(A, H[i], x[level], nu[level])
+                predict_covariance(parts, pair, H[i], P[level], Ph[level], f)
+                predict_state(parts, pair, H[i], x[level], nu[level])
                 for kind in range(kinds):
                     for g in range(ABREAST):
                         k = 1.0 / (f[g] + kind * wider[g])
@@ -282,16 +365,16 @@ def _filter_mixtures(first, last, levels, kinds, y, H, modes, r, outlier, jump, 
                     product[g] = 1.0
             for level in range(levels):
                 for g in range(ABREAST):
-                    own = term[level, 0, g]
+                    here = term[level, 0, g]
                     k, less = per_f[level, 0, g], per_f[level, 0, g]
                     if kinds == 2:
-                        own += term[level, 1, g]
-                        wild[level, g] = term[level, 1, g] / own if own > 0.0 else 0.0
+                        here += term[level, 1, g]
+                        wild[level, g] = term[level, 1, g] / here if here > 0.0 else 0.0
                         apart_k = k - per_f[level, 1, g]
                         k -= wild[level, g] * apart_k
                         less = k - wild[level, g] * (1.0 - wild[level, g]) * (
                             apart_k * nu[level, g])**2
-                    weight[level, g] = max(own / mass[g], 1e-12) if (
+                    weight[level, g] = max(here / mass[g], 1e-12) if (
                         seen[g] > 0.0) else prior[level, g]
                     gain[g], shrink[g] = seen[g] * k * nu[level, g], seen[g] * less
                 update_state(x[level], Ph[level], gain)
@@ -349,17 +432,18 @@ def _sample_law(g, rate, prior, weight, wild, per_f, nu):
     return below, above, odd
 
 
-def adjoint(y, observed, modes, r):
+def adjoint(y, observed, h, own, pair, r):
     """C^-1 y of every column, and s' C^-1 s of a step s at every sample.
 
-    y (C, N); modes (3, M, n) factors, noise variances and initial variances, r (M, 1 or
-    N). Returns w (M, C, N), steps (M, N) and log_det (M,): P. De Jong, J. Penzer,
+    y (C, N); h (n,) observes the states; own, pair and r as for `plain_filters`.
+    Returns w (M, C, N), steps (M, N) and log_det (M,): P. De Jong, J. Penzer,
     "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93, 1998, with the output
     shifted for good as the shock.
     """
-    M = modes.shape[1]
+    M = own.shape[1]
     w, steps, log_det = np.empty((M, *y.shape)), np.empty((M, y.shape[1])), np.empty(M)
-    in_threads(_go_there_and_back, groups(M), y, observed, modes, r, w, steps, log_det)
+    in_threads(_go_there_and_back, groups(M), y, observed, h, own, pair, r, w, steps,
+               log_det)
     return w, steps, log_det
 
 
@@ -367,16 +451,17 @@ STRETCH = 1024    # samples of the way there that are kept for the way back
 
 
 @njit(**KERNEL)
-def _go_there_and_back(first, last, y, observed, modes, r, w, steps, log_det):
+def _go_there_and_back(first, last, y, observed, h, own, pair, r, w, steps, log_det):
     """Groups of `adjoint`. The way there is gone twice: once to its end, and again from
     where each stretch begins, before that stretch is gone back.
     """
     C, N = y.shape
-    M, n = modes.shape[1:]
+    M, n = own.shape[1:]
+    shifted, to_itself = np.append(h, 1.0), np.append(pair, n)    # and the shift
     stretches = (N + STRETCH - 1) // STRETCH
     for group in range(first, last):
         node = np.minimum(group * ABREAST + np.arange(ABREAST), M - 1)
-        a, q = np.empty((n, ABREAST)), np.empty((n, ABREAST))
+        parts, back = np.empty((6, n, ABREAST)), np.ones((2, n + 1, ABREAST))
         P, x = np.zeros((n, n, ABREAST)), np.zeros((C, n, ABREAST))
         kept_P, kept_x = (np.empty((stretches, n, n, ABREAST)),
                           np.empty((stretches, C, n, ABREAST)))
@@ -385,13 +470,13 @@ def _go_there_and_back(first, last, y, observed, modes, r, w, steps, log_det):
         R, D = np.zeros((C, n, ABREAST)), np.zeros((n + 1, n + 1, ABREAST))
         log_f, product = np.zeros(ABREAST), np.ones(ABREAST)
         shocks = np.empty((STRETCH, ABREAST))
-        for s in range(n):
+        load(own, pair, node, parts, P)
+        for s in range(n):    # of Phi'
             for g in range(ABREAST):
-                a[s, g], q[s, g] = modes[0, node[g], s], modes[1, node[g], s]
-                P[s, s, g] = modes[2, node[g], s]
-        for turn in range(2 * stretches):
-            there = turn < stretches
-            k = turn if there else 2 * stretches - 1 - turn
+                back[0, s, g], back[1, s, g] = parts[0, s, g], parts[1, pair[s], g]
+        for way in range(2 * stretches):
+            there = way < stretches
+            k = way if there else 2 * stretches - 1 - way
             begin = k * STRETCH
             count = min(STRETCH, N - begin)
             if there:
@@ -404,7 +489,7 @@ def _go_there_and_back(first, last, y, observed, modes, r, w, steps, log_det):
                 for g in range(ABREAST):
                     noise[i, g] = r[node[g], min(begin + i, r.shape[1] - 1)]
             _go_there(y[:, begin:begin + count], observed[begin:begin + count], noise,
-                      a, q, P, x, K, weight, gain)
+                      h, parts, pair, P, x, K, weight, gain)
             _without_dust(x)
             if there:
                 for i in range(count):
@@ -415,7 +500,7 @@ def _go_there_and_back(first, last, y, observed, modes, r, w, steps, log_det):
                             log_f[g] += np.log(product[g])
                             product[g] = 1.0
                 continue
-            _go_back(count, a, K, weight, gain, R, D, shocks)
+            _go_back(count, shifted, back, to_itself, K, weight, gain, R, D, shocks)
             _without_dust(R)
             for g in range(min(ABREAST, M - group * ABREAST)):
                 for i in range(count):
@@ -445,50 +530,49 @@ def _without_dust(x):
 
 
 @njit(**JIT)
-def _go_there(y, observed, noise, a, q, P, x, K, weight, gain):
-    """A stretch of the way there of `adjoint`: K = a P h / f, weight 1 / f, 0 where
+def _go_there(y, observed, noise, h, parts, pair, P, x, K, weight, gain):
+    """A stretch of the way there of `adjoint`: K = Phi P h / f, weight 1 / f, 0 where
     nothing is seen, and gain nu / f of every sample; noise (., lanes) becomes f, 1
     where nothing is seen.
     """
-    C, N = y.shape
-    n = len(a)
-    Ph, nu, h = np.empty((n, ABREAST)), np.empty(ABREAST), np.ones(n)
+    (C, N), n = y.shape, len(h)
+    Ph, nu = np.empty((n, ABREAST)), np.empty(ABREAST)
     for i in range(N):
-        predict_covariance(a, q, h, P, Ph, noise[i])
+        predict_covariance(parts, pair, h, P, Ph, noise[i])
         for g in range(ABREAST):
             weight[i, g] = observed[i] / noise[i, g]
             noise[i, g] = observed[i] * noise[i, g] + (1.0 - observed[i])
             for s in range(n):
-                K[i, s, g] = a[s, g] * Ph[s, g] * weight[i, g]
+                K[i, s, g] = Ph[s, g] * weight[i, g]
+        turn(parts[0], parts[1], pair, K[i])
         update_covariance(P, Ph, weight[i])
         for c in range(C):
             nu[:] = y[c, i]
-            predict_state(a, h, x[c], nu)
+            predict_state(parts, pair, h, x[c], nu)
             for g in range(ABREAST):
                 gain[c, i, g] = nu[g] * weight[i, g]
             update_state(x[c], Ph, gain[c, i])
 
 
 @njit(**JIT)
-def _go_back(N, a, K, weight, gain, R, D, steps):
+def _go_back(N, h, back, pair, K, weight, gain, R, D, steps):
     """A stretch of N samples of the way back of `adjoint`: gain (C, ., lanes) becomes
-    C^-1 y; steps (., lanes) becomes s' C^-1 s; R and D are what comes after.
+    C^-1 y; steps (., lanes) becomes s' C^-1 s; R and D are what comes after. The last
+    of the n + 1 states is the shift; back (2, n + 1, lanes) are factors of Phi'.
     """
     C, n = R.shape[:2]
+    paired = has_pairs(pair)
     kD, kDk = np.empty((n + 1, ABREAST)), np.empty(ABREAST)
-    L = np.ones((n + 1, ABREAST))    # the last of the factors is that of the shift
-    for s in range(n):
-        for g in range(ABREAST):
-            L[s, g] = a[s, g]
     for i in range(N - 1, -1, -1):
         for c in range(C):
             for s in range(n):
                 for g in range(ABREAST):
                     gain[c, i, g] -= K[i, s, g] * R[c, s, g]
+            turn(back[0, :n], back[1, :n], pair[:n], R[c])
             for s in range(n):
                 for g in range(ABREAST):
-                    R[c, s, g] = gain[c, i, g] + a[s, g] * R[c, s, g]
-        # D = h h' / f + L' D L with L = diag(a, 1) - (K, 0) h'
+                    R[c, s, g] += h[s] * gain[c, i, g]
+        # D = h h' / f + L' D L with L = Phi - K h', of the shift 1 and 0
         kD[:] = 0.0
         for t in range(n + 1):
             for s in range(n):
@@ -498,11 +582,17 @@ def _go_back(N, a, K, weight, gain, R, D, steps):
             kDk[g] = weight[i, g]
             for s in range(n):
                 kDk[g] += K[i, s, g] * kD[s, g]
+        turn(back[0], back[1], pair, kD)
+        if paired:
+            turn_covariance(back[0], back[1], pair, D)
         for s in range(n + 1):
             for t in range(n + 1):
+                if not paired:
+                    for g in range(ABREAST):
+                        D[s, t, g] *= back[0, s, g] * back[0, t, g]
                 for g in range(ABREAST):
-                    D[s, t, g] = (L[s, g] * L[t, g] * D[s, t, g] - L[s, g] * kD[s, g]
-                                  - L[t, g] * kD[t, g] + kDk[g])
+                    D[s, t, g] += (h[s] * h[t] * kDk[g] - h[t] * kD[s, g]
+                                   - h[s] * kD[t, g])
         for g in range(ABREAST):
             steps[i, g] = D[n, n, g]
 
@@ -538,5 +628,5 @@ def spectrum(a, q, turn):
     """Spectrum of a sum of one-state processes at turn = |1 - exp(-i w)|^2."""
     S = 0.0
     for s in range(len(a)):
-        S += q[s] / ((1.0 - a[s])**2 + a[s] * turn)
+        S += (q[s] / ((1.0 - a[s])**2 + a[s] * turn)).real
     return S

@@ -4,6 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize
+from scipy.special import log_ndtr, xlogy
 
 from sensorid import brief
 from sensorlab.gap.catalogue import CATALOGUE, lattice
@@ -13,7 +15,7 @@ from sensorlab.gap.effects import Found
 class Reading(NamedTuple):
     """An effect of the reading that a record shows."""
 
-    found: Found         # its values: lsb, limits or spans
+    found: Found         # its values: lsb, limits, spans, or rate and phase
     log_bayes: float     # a continuous simulator never repeats a value
     masked: np.ndarray   # (N,) samples that say nothing of the rest
     opaque: bool         # it hides what else there may be
@@ -35,14 +37,20 @@ ROUNDING = 1e-9       # of the white noise: equal but for rounding
 
 
 def readings(scene):
-    """Quantization, saturation and stuck samples of a record from which nothing was
-    taken away, as a tuple of Reading.
+    """Quantization, saturation, repeated and stuck samples of a record from which
+    nothing was taken away, as a tuple of Reading.
     """
-    y, N = scene.y, len(scene.y)
+    y, N, seen = scene.y, len(scene.y), []
+    own = _own_rate(y)
+    if own:
+        rate, phase, repeated = own
+        seen.append(Reading(_found("repeated_samples", frequency=rate / scene.dt,
+                                   phase=2.0 * np.pi * phase),
+                            COINCIDENCE * float(repeated.sum()), repeated, False))
+        y = np.where(repeated, np.nan, y)
     lsb, noise = lattice_and_noise(y)
     limits, clipped = _clipped(y, lsb, noise)
     spans, stuck = _stuck(y, lsb, noise, clipped)
-    seen = []
     if clipped.any():
         seen.append(Reading(_found("saturation", limits=limits),
                             COINCIDENCE * float(clipped.sum()), clipped,
@@ -85,13 +93,107 @@ def _clipped(y, lsb, noise):
     return limits, clipped
 
 
+def latent_mean(y, found):
+    """Mean of a record before it was clipped, if any of the `Found` is a limit, else
+    None: the most likely one if its values are normal (J. Tobin, Econometrica 26,
+    1958).
+    """
+    limits = [one.values["limits"] for one in found if "limits" in one.values]
+    if not limits:
+        return None
+    ends, seen = limits[0], y[~np.isnan(y)]
+    inside = seen[(seen > ends[0]) & (seen < ends[1])]
+    clipped = [(sign, end, np.sum(sign * (seen - end) >= 0.0))
+               for sign, end in zip((-1.0, 1.0), ends) if np.isfinite(end)]
+    start = inside if len(inside) > 1 and np.ptp(inside) else seen
+
+    def misfit(at):
+        mean, sigma = at[0], np.exp(at[1])
+        z = (inside - mean) / sigma
+        return 0.5 * z @ z + len(inside) * at[1] - sum(
+            count * log_ndtr(sign * (mean - end) / sigma)
+            for sign, end, count in clipped)
+    return float(minimize(misfit, [start.mean(), np.log(start.std())],
+                          method="Nelder-Mead").x[0])
+
+
+FEWEST = 8         # repeated samples that show a rate
+CERTAIN = 15.0     # nats that their pattern must gain
+REGULAR = 0.75     # of the samples that a rate repeats are equal, if it is one: which
+                   # is repeated where both meet may be chance
+HARMONICS = 3      # of the rate that the largest line may be
+FINE = 20          # parts of the arc to which a rate is found over the record
+
+
+def _own_rate(y):
+    """Rate of a sensor that is polled faster, in its samples per sample, its phase, and
+    the repeated samples (N,); None if there is none.
+
+    Sample i is repeated where the fractional part of rate i + phase is above the rate:
+    an arc, whose middle is the phase of the line at the rate in the spectrum of the
+    ties. What repeats by chance has no line.
+    """
+    N = len(y)
+    same = np.append(False, np.diff(y) == 0.0)
+    ties, p = np.flatnonzero(same), same.mean()
+    if len(ties) < FEWEST:
+        return None
+    power = np.abs(np.fft.rfft(same - p, 4 * N)[4:])**2 / (N * p * (1.0 - p) + 1e-9)
+    if power.max() < CERTAIN + np.log(N):
+        return None
+    top = (4 + power.argmax()) / (4.0 * N)
+    rate = max((_nearest(ties, r, N, 0.5, 21) for k in range(1, HARMONICS + 1)
+                for r in (top / k, 1.0 - top / k)))[1]
+    _, rate = _nearest(ties, rate, N, 0.1, FINE * min(int(1.0 / (1.0 - rate)), FINE))
+    middle = _middle(ties, rate)
+    away = (rate * np.arange(N) - middle + 0.5) % 1.0 - 0.5
+    arc = np.abs(away) < 0.5 * (1.0 - rate)
+    repeated = same & arc
+    gain = (_log_likelihood(same[arc]) + _log_likelihood(same[~arc])
+            - _log_likelihood(same))
+    lsb, noise = lattice_and_noise(y[~repeated])
+    if gain < CERTAIN + 2.0 * np.log(N) or same[arc].mean() < REGULAR or lsb > noise:
+        return None    # a slow change through a coarse lattice is regular, too
+    if not lsb:    # none repeats by chance: what a clock that is not even repeats
+        for begin, n in zip(*_runs(same)):
+            repeated[begin:begin + n] |= n <= np.ceil(1.0 / rate)
+    return float(rate), float((0.5 * (1.0 + rate) - middle) % 1.0), repeated
+
+
+def _log_likelihood(same):
+    """Largest log-likelihood of independent ties."""
+    p = np.sum(same) / max(len(same), 1)
+    return len(same) * (xlogy(p, p) + xlogy(1.0 - p, 1.0 - p))
+
+
+def _middle(ties, rate):
+    """Middle of the arc of the repeated samples at a rate, in turns."""
+    return np.angle(np.exp(2j * np.pi * rate * ties).sum()) / (2.0 * np.pi)
+
+
+def _nearest(ties, rate, N, reach, count):
+    """By how much more ties than other samples lie in the arc of the best of so many
+    rates, so many turns in N samples about one; and the middle of the best rates.
+    """
+    rates = rate + np.linspace(-reach, reach, count) / N
+    inside = np.array([np.sum(np.abs((r * ties - _middle(ties, r) + 0.5) % 1.0 - 0.5)
+                              < 0.5 * (1.0 - r)) for r in rates])
+    score = 2.0 * inside - N * (1.0 - rates)
+    return score.max(), np.mean(rates[inside == inside[score.argmax()]])
+
+
+def _runs(same):
+    """First sample and length of all runs of what is true."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    return ends[::2], ends[1::2] - ends[::2]
+
+
 def _stuck(y, lsb, noise, clipped):
     """Runs (first sample, length) of equal values longer than chance, and the samples
     (N,) of them but the first, which is a reading.
     """
     same = np.append(False, np.diff(y) == 0.0) & ~clipped
-    start = np.flatnonzero(same & ~np.append(False, same[:-1]))
-    length = np.flatnonzero(same & ~np.append(same[1:], False)) + 1 - start
+    start, length = _runs(same)
     enough = 2
     if lsb:    # a value in the middle of its cell stays there by chance
         tie = math.erf(lsb / max(2.0 * np.sqrt(2.0) * noise, 1e-9 * lsb))

@@ -75,6 +75,7 @@ def present(causes):
 
 FAMILIES = (    # effects that a record may show to be one of them, but not which
     ("temperature", "thermal_lag"), ("bias_step", "pulse"),
+    ("sinusoid", "narrow_band_noise"),
     ("rate_ramp", "second_order_drift", "turn_on_transient"),
     ("correlated_noise", "bias_instability", "random_telegraph"))
 
@@ -104,6 +105,19 @@ def verdict_of(causes):
     split = [" or ".join(members) for members, _ in split_families(causes)]
     return "+".join([*(e for e in sure if e != "unknown"), *split,
                      *(e for e in sure if e == "unknown")]) or "undecided"
+
+
+def names_in(verdict):
+    """The effects that a verdict names, members of a family each."""
+    return verdict.replace(" or ", "+").split("+")
+
+
+def names_all(verdict, found):
+    """Are all that was found among what a verdict names? Where it names nothing that
+    the catalogue has, they need not be.
+    """
+    return verdict in ("none", "unknown", "undecided") or all(
+        one.name in names_in(verdict) for one in found)
 
 
 def needed_duration(causes, scene):

@@ -7,7 +7,7 @@ from sensorlab.gap.causes import LISTED_FROM
 from sensorlab.gap.closure import LAGS
 from sensorlab.gap.places import FAR_OUT, UNITS
 from sensorlab.gap.sizes import chance, number, odds, percent, sizes, values_text
-from sensorlab.gap.verdict import SURE, present, split_families
+from sensorlab.gap.verdict import SURE, names_in, present, split_families
 from sensorlab.tables import Table, as_text
 
 
@@ -46,11 +46,6 @@ def listed(texts):
     """Texts as one: a, b and c."""
     texts = list(texts)
     return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
-
-
-def names_in(verdict):
-    """The effects that a verdict names, members of a family each."""
-    return verdict.replace(" or ", "+").split("+")
 
 
 def headline(d):
@@ -243,7 +238,10 @@ def advice(d):
         yield (f"{e.name} is easily taken for {e.resembles}; to tell them apart: "
                f"{e.experiment}")
     for one in d.found:
-        if one.variant:
+        if one.variant and not one.column:
+            yield (f"{one.name} is of {one.variant}, probability {one.share:.2f} among "
+                   "its forms")
+        elif one.variant:
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "
                    f"probability {one.share:.2f} among its forms; its size is of that")
     for column in {s.found.column for s in d.final.signatures if s.found.column}:

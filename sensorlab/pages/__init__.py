@@ -1,7 +1,8 @@
 """A diagnosis as one page of HTML that needs nothing beside it: no network, no files.
 
-    report.html    what the page says, in order (Jinja)
-    style.css      how it looks, on a screen, a telephone and paper
+    report.html     what the page says, in order (Jinja)
+    several.html    the page above those of several records
+    style.css       how both look, on a screen, a telephone and paper
 """
 
 import base64
@@ -35,12 +36,13 @@ class Provenance(NamedTuple):
 
     files: tuple = ()    # of (what it is, name, SHA-256 or "")
     command: str = ""    # as it was typed
+    above: str = ""      # address of the page of all records, if there is one
 
 
-def provenance(files, command=""):
+def provenance(files, command="", above=""):
     """`Provenance` of files, pairs of what each is and its name; None is no file."""
     return Provenance(tuple((what, str(name), _digest(name)) for what, name in files
-                            if name is not None), command)
+                            if name is not None), command, above)
 
 
 def _digest(name):
@@ -71,7 +73,7 @@ def page(d, record, unit=None, origin=Provenance(), view=None):
     str
     """
     seen, unit = view_of(d) if view is None else view, unit or record.unit or "u"
-    return _template().render(
+    return template("report.html").render(
         d=d, record=record, unit=unit, origin=origin, words=words,
         file=pathlib.Path(record.file).name, headline=words.headline(d),
         facts=_facts(d), found=_found(d, unit), named=words.is_named(d),
@@ -79,24 +81,30 @@ def page(d, record, unit=None, origin=Provenance(), view=None):
         causes=_causes(d, unit),
         sentences=[*words.closing(d), *words.left(d)], steps=_steps(d),
         duration=d.scene.duration, missing=int(np.isnan(d.scene.y).sum()),
-        versions=[("sensorid", sensorid.__version__),
-                  ("Python", platform.python_version()),
-                  *((name, version(name)) for name in LIBRARIES)],
-        date=datetime.datetime.now(datetime.timezone.utc))
+        **made())
+
+
+def made():
+    """With what and when a page is made."""
+    return dict(versions=[("sensorid", sensorid.__version__),
+                          ("Python", platform.python_version()),
+                          *((name, version(name)) for name in LIBRARIES)],
+                date=datetime.datetime.now(datetime.timezone.utc))
 
 
 @functools.cache
-def _template():
+def template(name):
+    """The template of a page."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     environment = Environment(
         loader=PackageLoader("sensorlab", "pages"), autoescape=True, trim_blocks=True,
         lstrip_blocks=True, undefined=StrictUndefined)
     environment.filters.update(
         typeset=typeset, percent=percent, sentence=sentence)
-    return environment.get_template("report.html")
+    return environment.get_template(name)
 
 
-EFFECTS = re.compile(r"\b(" + "|".join(CATALOGUE) + r")\b")
+EFFECTS = re.compile(r"\b(" + "|".join(CATALOGUE) + r")\b", re.I)
 SYMBOLS = re.compile(r"\b(sigma|tau)_([a-z])\b")
 
 
@@ -226,6 +234,12 @@ def _drawn(height, draw, *what):
     fig, (ax,) = new_figure(WIDTH, height)
     draw(ax, *what)
     legend_above(ax)
+    return embedded(fig)
+
+
+@styled
+def embedded(fig):
+    """A figure as an address that holds all of it."""
     stream = io.BytesIO()
     with_plain_logs(fig).savefig(stream, format="svg", dpi=200,
                                  metadata=dict(Date=None))

@@ -59,6 +59,9 @@ class Recording(NamedTuple):
         return (f"{self.file}, column {self.column}: {len(self.error)} samples, "
                 + (self.clock or f"dt {self.dt:g} s"))
 
+    def __repr__(self):
+        return f"<Recording {self.heading}>"
+
 
 def read(source, channel="error", dt=None, resample=False, allow_missing=False,
          beside=()):
@@ -156,8 +159,9 @@ def _channel(groups, wanted):
 
 
 def _alone(groups):
-    """Name of the only channel that there is, or None."""
-    every = [c for group in groups for c in channels.channels(group)]
+    """Name of the only channel that there is, beside a clock known as one, or None."""
+    every = [c for group in groups for c in channels.channels(group)
+             if c.array != group.clock]
     return every[0].name if len(every) == 1 else None
 
 
@@ -168,7 +172,7 @@ def _opened(source):
         if groups is None:
             raise ValueError(f"a {type(source).__name__} is no source of records: give "
                              "a file, an array or a table")
-        return type(source).__name__, groups
+        return objects.name_of(source), groups
     file = pathlib.Path(source)
     folder_of_ros = (file / "metadata.yaml").is_file()
     if not (file.is_file() or folder_of_ros):
@@ -250,7 +254,9 @@ def _given(channel, dt):
         clock = stamps and clocks.clock(printable(stamps[0]), stamps[1])
     except ValueError:    # it is given because they tell nothing
         clock = None
-    if clock and not abs(clock.dt - dt) <= SAME * clock.dt:
+    # a unit that was only guessed is none
+    units = 10.0**np.arange(-9, 10, 3) if clock and ", taken as" in clock.said else 1.0
+    if clock and not np.any(np.abs(units * clock.dt - dt) <= SAME * dt):
         raise ValueError(f"{stamps[0]} says dt = {clock.dt:g} s, but {dt:g} s is given:"
                          " leave one of the two out")
     return clocks.Clock(float(dt), f"dt {clocks.duration(dt)} as given")

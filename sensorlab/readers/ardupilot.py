@@ -1,7 +1,8 @@
 """DataFlash logs of ArduPilot (.bin), by pymavlink.
 
-Every message has its `TimeUS` in microseconds since the start; where a sensor is there
-several times the messages carry its number, here IMU, IMU#1 and so on.
+Every message has its `TimeUS` in microseconds since the start, a raw sample of ACC and
+GYR its `SampleUS` as well; where a sensor is there several times the messages carry its
+number, here IMU, IMU#1 and so on.
 Messages: https://ardupilot.org/copter/docs/logmessages.html
 """
 
@@ -9,7 +10,7 @@ from pymavlink.DFReader import DFReader_binary
 
 from sensorlab.readers.messages import collect, collected
 
-CLOCK = "TimeUS"
+CLOCKS = "SampleUS", "TimeUS"
 
 
 def read(file):
@@ -21,5 +22,5 @@ def read(file):
             collect(kinds.setdefault(name, {}), (
                 (key, value) for key, value in message.to_dict().items()
                 if isinstance(value, (int, float))))
-    return [collected(columns, name, CLOCK) for name, columns in kinds.items()
-            if CLOCK in columns]
+    return [collected(columns, name, clock) for name, columns in kinds.items()
+            for clock in [c for c in CLOCKS if c in columns][:1]]

@@ -2,12 +2,12 @@
 
 import re
 
-from sensorlab.readers.channels import INDEX, channels, ends, find, listed, path
+from sensorlab.readers.channels import (
+    INDEX, INERTIAL, channels, ends, find, leads, listed, path)
 
 SYSTEMS = (    # names of three axes, and of what makes a quaternion of them
     ("x", "y", "z", "w"), ("X", "Y", "Z", "W"), ("[0]", "[1]", "[2]", "[3]"),
     ("roll", "pitch", "yaw", "w"))
-INERTIAL = re.compile(r"gyr|acc|angular|omega|(?:^|[/_.])[gaw]_?[xyz]\b", re.I)
 
 
 def vectors(names):
@@ -82,9 +82,10 @@ def _named(groups, name):
         rows = [c for c in every if path(name) in ends(path(INDEX.sub("", c.name)))
                 and INDEX.search(c.name)]
         inside = [c for c in every if path(name) in (
-            path(c.group.name), *ends(path(c.name)[:-1]))]
+            path(c.group.name), *ends(path(c.name)[:-1]))
+            or leads(path(name), path(c.name)[:-1])]
         for some in (rows, axes_in(inside)):
-            if some and len({(c.group.name, c.array if some is rows else "")
-                             for c in some}) == 1:
+            if some and len({(c.group.name, INDEX.sub("", c.array)
+                              if some is rows else "") for c in some}) == 1:
                 return some
         raise

@@ -8,6 +8,7 @@ from sensorlab.readers.clocks import unit_of
 
 UNIT = re.compile(r"\s*[\[(]\s*(?!\d+\s*[\])])([^\[\]()]+?)\s*[\])]$")    # no index
 INDEX = re.compile(r"\[\d+\]$")
+INERTIAL = re.compile(r"gyr|acc|angular|omega|(?:^|[/_.])[gaw]_?[xyz]\b", re.I)
 MIN_SAMPLES = 16    # fewer are no record
 
 
@@ -65,7 +66,8 @@ def channels(group):
 
 def find(groups, wanted):
     """The one channel of this name: its whole name, with or without the unit, or the
-    end of its path; of several axes or members name[k] is number k.
+    end of its path, parts of which may be left out; of several axes or members name[k]
+    is number k.
 
     Raises
     ------
@@ -75,7 +77,8 @@ def find(groups, wanted):
     every = [c for group in groups for c in channels(group)]
     for names in (lambda c: (path(c.name), (c.array,)),
                   lambda c: (path(UNIT.sub("", c.name)), (UNIT.sub("", c.array),)),
-                  lambda c: ends(path(c.name))):
+                  lambda c: ends(path(c.name)),
+                  lambda c: [path(wanted)] * leads(path(wanted), path(c.name))):
         fitting = [c for c in every if {path(wanted), (wanted,)} & {*names(c)}]
         if len(fitting) == 1:
             return _readable(fitting[0])
@@ -92,7 +95,8 @@ def find(groups, wanted):
                          "--channel")
     known = [c.name for c in every]
     near = difflib.get_close_matches(wanted, known, 1)
-    shown = [c for c in every if unit_of(c.array) is None]
+    shown = sorted((c for c in every if unit_of(c.array) is None),
+                   key=lambda c: not INERTIAL.search(c.name))
     raise ValueError(f"no column {wanted!r} among {listed(shown) or 'none'}"
                      + (f" (did you mean {near[0]}?)" if near else "")
                      + "; choose one with --channel")
@@ -101,6 +105,12 @@ def find(groups, wanted):
 def path(name):
     """The parts of a path with / or dots."""
     return tuple(re.split("[/.]", name.strip("/")))
+
+
+def leads(some, path):
+    """Does a path end with the last of some of its parts, which come in order?"""
+    rest = iter(path)
+    return len(some) > 1 and some[-1] == path[-1] and all(p in rest for p in some)
 
 
 def ends(path):

@@ -31,9 +31,16 @@ def unit_of(name):
     words = {word.lower() for word in WORDS.findall(name) if word != "T"}
     units = sorted(words & UNITS.keys())
     if len(units) < 2 and words - {*units} <= CLOCKS | BESIDE and (
-            words & CLOCKS or any(len(unit) > 2 for unit in units)):
+            words & CLOCKS or any(len(unit) > 2 for unit in units)
+            or words == {"sample", "us"}):
         return UNITS[units[0]] if units else ()
     return None
+
+
+def tells_time(name):
+    """Is a column a clock, a part of one, or an interval, by its name?"""
+    return unit_of(name) is not None or bool(
+        {word.lower() for word in WORDS.findall(name)} & {"timestamp", "dt"})
 
 
 class Clock(NamedTuple):
@@ -63,6 +70,8 @@ class Clock(NamedTuple):
 WIDE = 2.5      # sampling intervals: a wider step of an uneven clock is a gap
 CLEAN = 0.25    # of an interval: steps this near to a multiple of it leave no doubt
 MOST = 100      # times as many samples as there are: a record with more gaps is none
+OFTEN = 0.02    # of the steps: a gap that comes again and again
+RARE = 0.01     # of the steps: gaps that come now and then
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -96,7 +105,10 @@ def clock(name, time, resample=False):
     if len(t) < 2 or t[-1] == 0.0:
         raise ValueError(f"the record has {len(t)} samples at {min(len(t), 1)} time")
     usual = np.median(step) or step.mean()
-    found = _with_gaps(t, step, usual) or _with_jitter(t) or _in_bursts(t, step)
+    found = (_with_gaps(t, step, usual) or _with_jitter(t)
+             or _in_pieces(t, step, usual) or _in_bursts(t, step))
+    if found and found.slots is not None and np.mean(step > 1.5 * found.dt) > OFTEN:
+        found = _in_bursts(t, step) or found    # most of it missing, over and over
     if found is None and t[-1] / usual > MOST * len(t):
         raise ValueError(f"{len(t)} samples, usually {usual:g} s apart, are spread "
                          f"over {t[-1]:g} s: cut the gap after sample {step.argmax()} "
@@ -132,6 +144,26 @@ def _with_jitter(t):
     return Clock(dt, f", off by up to {100 * off:.0f} % of it") if off <= 0.5 else None
 
 
+def _in_pieces(t, step, usual):
+    """The clock if no stamp is half an interval off between a few gaps, which may be of
+    any length.
+    """
+    gap = step > 1.5 * usual
+    if not 0 < gap.sum() <= RARE * len(step):
+        return None
+    i, dt = np.arange(len(t)), step[~gap].mean()
+    first = np.append(0, np.flatnonzero(gap) + 1)
+    off = t / dt - i
+    low, high = np.minimum.reduceat(off, first), np.maximum.reduceat(off, first)
+    start = np.round(0.5 * (low + high)).astype(int)
+    if (high - low).max() > 1.0 or (np.diff(start) < 0).any() or (
+            start[-1] > MOST * len(t)):
+        return None
+    slots = i + np.repeat(start - start[0], np.diff(np.append(first, len(t))))
+    return Clock(dt, f" but for {gap.sum()} gaps, off by up to "
+                     f"{50 * (high - low).max():.0f} % of it", slots)
+
+
 def _in_bursts(t, step):
     """The clock at the mean rate if stamps are of the arrival of whole bursts, as on a
     serial port: most steps far below the mean, but never far off the mean rate.
@@ -159,7 +191,8 @@ def in_seconds(name, time):
     """Stamps in s after the first, and what they are in words.
 
     A unit is taken from the name; without one an epoch is known by its size, whole
-    numbers with steps of 1000 and more are us, from 10^6 on ns, all else is s.
+    numbers with steps of 1000 and more are us, from 10^6 on ns, integers with steps of
+    2 to 50 ms (20 to 500 Hz rather than every 2 to 50 s), all else is s.
     """
     time, scale, source = _counted(name, time)
     return (time - time[:1]).astype(float) * scale, source
@@ -212,6 +245,8 @@ def _plausible(time):
             return UNITS[unit]
     whole = len(step) and (time == np.round(time)).all()
     usual = np.abs(np.median(step.astype(float)) or step.mean()) if whole else 0.0
+    if time.dtype.kind in "iu" and 2.0 <= usual <= 50.0:
+        return UNITS["ms"]
     return UNITS["s" if usual < 1e3 else "us" if usual < 1e6 else "ns"]
 
 

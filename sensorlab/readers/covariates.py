@@ -6,7 +6,7 @@ import numpy as np
 
 from sensorlab.readers.axes import vectors
 from sensorlab.readers.channels import UNIT, channels, find, real
-from sensorlab.readers.clocks import since_zero, stamps, unit_of
+from sensorlab.readers.clocks import since_zero, stamps, tells_time
 
 NAMED = {"temperature", "rate", "acceleration"}    # that effects are looked for by
 UNCOVERED = 0.1    # of a record: a column of another clock that leaves more of it out
@@ -49,7 +49,7 @@ def _of_group(channel):
     for c in every:
         if (c.array == channel.array or c.array in group.refused
                 or not real(c.values) or len(c.values) != samples
-                or c.array == group.clock or unit_of(c.array) is not None):
+                or c.array == group.clock or tells_time(c.array)):
             continue
         same = len(shape) == 2 and group.arrays[c.array].shape == shape
         if not same or c.axis == channel.axis:

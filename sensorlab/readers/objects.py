@@ -7,6 +7,11 @@ import numpy as np
 from sensorlab.readers.channels import Group
 
 
+def name_of(source):
+    """What an object is called where a file would have its name."""
+    return type(source).__name__
+
+
 def groups(source):
     """Groups of an object, or None if it is none of these."""
     kind = type(source).__module__.partition(".")[0]
@@ -15,7 +20,7 @@ def groups(source):
     if kind == "pandas" and hasattr(source, "columns"):
         return [frame(source)]
     if kind == "pandas" and hasattr(source, "to_frame"):
-        return [frame(source.to_frame("error"))]
+        return [frame(source.to_frame(source.name or "error"))]
     if isinstance(source, dict):
         return [Group({str(name): _plain(x) for name, x in source.items()})]
     if isinstance(source, (np.ndarray, list, tuple)):

@@ -5,6 +5,7 @@
     common    what the records have in common
     tables    rows as a DataFrame and as a table for people
     picture   one figure of all
+    index     a page that leads to those of all
 
 `diagnose_many` and `identify_many` take records of `sensorlab.read_axes`, or whatever
 `sensorlab.read` takes.
@@ -18,6 +19,7 @@ from typing import NamedTuple
 from sensorid import __version__, fingerprint, write_whole
 from sensorlab.gap.report import finite
 from sensorlab.readers import Recording, Unread, read, unread
+from sensorlab.readers.objects import name_of
 from sensorlab.several.common import common
 from sensorlab.several.tables import frame
 from sensorlab.several.work import Row, diagnosed, failed, identified
@@ -83,7 +85,8 @@ def opened(records, beside):
         try:
             yield read(one, beside=beside)
         except (ValueError, OSError) as problem:
-            yield unread(one, "error", problem)
+            yield unread(one if isinstance(one, (str, pathlib.Path)) else name_of(one),
+                         "error", problem)
 
 
 def many(calls, executor=None, checkpoint=None, progress=None):

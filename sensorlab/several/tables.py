@@ -3,6 +3,9 @@
 import os
 import pathlib
 
+import numpy as np
+
+from sensorlab.gap.sizes import measured, number, values_text
 from sensorlab.tables import Table
 
 
@@ -42,7 +45,8 @@ def _line(row):
             verdict=a["verdict"], probability=first["probability"],
             p_value=gap["p_value"], before=gap["before"], after=gap["after"],
             closed=gap["closed"], closed_low=low, closed_high=high,
-            remainder=gap["remainder"]["share"], found="; ".join(_sizes(a["found"])),
+            remainder=gap["remainder"]["share"],
+            found="; ".join(_sizes(a["found"], row.unit)),
             needed_duration=a["needed_duration"])
     else:
         best = _best(a)
@@ -60,28 +64,27 @@ def _best(answer):
     return max(answer["hypotheses"], key=lambda h: h["probability"])
 
 
-def _sizes(found):
+def _sizes(found, unit):
     """Effects and their parameters, a text for each."""
-    return [_effect(one["effect"], one["column"], one["parameters"]) for one in found]
+    return [_effect(one["effect"], one["column"], one["parameters"], unit)
+            for one in found]
 
 
-def _effect(name, column, parameters):
+def _effect(name, column, parameters, unit):
     return " ".join(filter(None, (name, column and f"({column})",
-                                  _values(parameters))))
+                                  _values(parameters, unit, column))))
 
 
-def _values(parameters):
-    """Parameters of JSON as text."""
-    return ", ".join(f"{symbol} {_number(value['mean'], value['sd'])}"
-                     for symbol, value in parameters.items())
+def _values(parameters, unit, column=""):
+    """Parameters of JSON as text; what is not finite is None there."""
+    return values_text({symbol: (_finite(value["mean"]), value["sd"] or 0.0)
+                        for symbol, value in parameters.items()}, unit, column)
 
 
-def _number(mean, sd=None):
-    if isinstance(mean, list):
-        return str(mean) if len(mean) <= 2 else f"{len(mean)} of them"
-    if isinstance(mean, str) or mean is None:
-        return str(mean)
-    return f"{mean:.4g}" + (f" +- {sd:.2g}" if sd else "")
+def _finite(mean):
+    if isinstance(mean, list) and len(mean) == 2:    # limits
+        return [x if y is None else y for x, y in zip((-np.inf, np.inf), mean)]
+    return np.nan if mean is None else mean
 
 
 def told(several):
@@ -94,18 +97,20 @@ def told(several):
     lines = []
     for name, row in zip(called, rows):
         cells = (("no answer", *[""] * (len(heads) - 3), row.problem) if row.problem
-                 else _diagnosed_cells(row) if diagnosed else _identified_cells(row))
+                 else _diagnosed_lines(row) if diagnosed else _identified_cells(row))
         lines.append((name, *cells))
-    return (*_headings(rows, called), Table(heads, tuple(lines), right),
-            *(_shared(c, called) for c in several.common))
+    return (*headings(rows, called), Table(heads, tuple(lines), right),
+            *(shared(c, rows, called) for c in several.common))
 
 
-def _shared(c, called):
+def shared(c, rows, called):
+    """What several records have in common, in a sentence."""
+    unit = rows[c.records[0]].unit
     return (f"common to {_brief([called[n] for n in c.records])}: "
-            + _effect(c.effect, c.column, c.parameters))
+            + _effect(c.effect, c.column, c.parameters, unit))
 
 
-def _headings(rows, called):
+def headings(rows, called):
     """Clock and covariates, once for all records that have the same."""
     groups = {}
     for name, row in zip(called, rows):
@@ -121,21 +126,27 @@ def _brief(some, most=6):
         f", ... {some[-1]} ({len(some)} in all)" if len(some) > most else "")
 
 
-def _diagnosed_cells(row):
+def diagnosed_cells(row):
+    """Verdict, gap, shares closed and left, and the effects found, a text each."""
     a = row.answer
     gap = a["gap"]
 
     def share(x):
         return "" if x is None else f"{100 * x:.0f} %"
-    return (a["verdict"].replace("+", "+\n"), _number(gap["before"]),
-            share(gap["closed"]), share(gap["remainder"]["share"]),
-            "\n".join(_sizes(a["found"])))
+    before = "" if gap["before"] is None else number(gap["before"], 3)
+    return (a["verdict"], before, share(gap["closed"]),
+            share(gap["remainder"]["share"]), _sizes(a["found"], row.unit))
+
+
+def _diagnosed_lines(row):
+    verdict, *numbers, found = diagnosed_cells(row)
+    return verdict.replace("+", "+\n"), *numbers, "\n".join(found)
 
 
 def _identified_cells(row):
     a, best = row.answer, _best(row.answer)
-    quotes = ",\n".join(f"{q['name']} {_number(q['mean'], q['sd'])} {q['unit']}"
+    quotes = ",\n".join(f"{q['name']} {measured(q['mean'], q['sd'])} {q['unit']}"
                        for q in a["quoted"])
     return (best["name"], f"{best['probability']:.3f}",
-            (quotes or _values(best["parameters"]))
+            (quotes or _values(best["parameters"], row.unit))
             + "; does not describe the record" * (not a["described"]))

@@ -15,9 +15,11 @@ from sensorlab.gap.diagnosis import augmented, diagnose
 from sensorlab.gap.effects import Scene, Simulator, simulate_effects
 from sensorlab.gap.report import report
 from sensorlab.modelfiles import Model, check_onsets, model_text
+from sensorlab.pages import page, provenance
 from sensorlab.units import quoted
 
 DRAWN = 20    # records behind a band of Allan deviations
+INDEX = "report.html"    # the page above those of many records
 
 
 class Row(NamedTuple):
@@ -31,6 +33,7 @@ class Row(NamedTuple):
     model: str = ""      # text of the model file
     curves: dict = {}    # tau, s, and Allan deviations by label
     heard: str = ""      # clock and columns beside it, in words
+    page: str = ""       # of HTML, if it is asked for
 
 
 def _heard(record):
@@ -105,9 +108,10 @@ def posterior_model(record, posterior):
                             pathlib.Path(record.file).name))
 
 
-def diagnosed(record, simulator=None, simulated=None, seed=0):
+def diagnosed(record, simulator=None, simulated=None, seed=0, origin=None):
     """`Row` of `diagnose`; `simulated` are records of the simulator, where these are
-    what is known of it.
+    what is known of it. With files of `provenance` it has a page that leads back to
+    INDEX.
     """
     y, dt, unit = record.error, record.dt, record.unit or "u"
     if simulated is not None:
@@ -118,8 +122,10 @@ def diagnosed(record, simulator=None, simulated=None, seed=0):
         check_onsets(simulator, Scene(y, dt, {}))
     d = diagnose(y, dt, simulator, record.columns, seed=seed, simulated=simulated)
     text = model_text(Model(dt, unit, augmented(d), pathlib.Path(record.file).name))
+    html = "" if origin is None else page(
+        d, record, unit, provenance(origin, above=INDEX))
     return Row(record.file, record.column, unit, "", report(d, record), text,
-               _bands(d), _heard(record))
+               _bands(d), _heard(record), html)
 
 
 @functools.lru_cache(6)    # several records are often compared with the same

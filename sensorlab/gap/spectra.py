@@ -1,0 +1,254 @@
+"""The spectrum of residuals: what another member would gain by Whittle's likelihood.
+
+It tells whether a process is worth a filter, where the frequency of a band is to be
+drawn, which is known to a thousandth of its prior or better, and where about the
+posterior of a member is, so that few nodes of the filter are needed to know it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.special import logsumexp, ndtr, ndtri
+from scipy.stats.qmc import LatinHypercube
+
+from sensorid import at_quantiles, brief, free_columns
+from sensorlab.gap.catalogue import MIN_TURN
+from sensorlab.gap.evidence import climb
+from sensorlab.gap.filters import predict, processes
+from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
+
+
+class Sought(NamedTuple):
+    """A uniform prior that is drawn where a law of even parts of its range has mass."""
+
+    symbol: str
+    low: float
+    high: float
+    mass: np.ndarray    # (B,) of the parts
+
+    free, log = True, False
+    __repr__ = brief
+
+    def quantile(self, u):
+        """Value below which the law, not the prior, has the probability u, 0..1."""
+        below = np.append(0.0, np.cumsum(self.mass))
+        return np.interp(u, below / below[-1], np.linspace(
+            self.low, self.high, len(below)))
+
+    def log_ratio(self, value):
+        """ln of the prior over the law at a value."""
+        part = (value - self.low) / (self.high - self.low) * len(self.mass)
+        part = np.clip(part.astype(int), 0, len(self.mass) - 1)
+        return -np.log(self.mass[part] * len(self.mass) / self.mass.sum())
+
+    @property
+    def mean(self):
+        """Of the prior."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def sd(self):
+        """Of the prior."""
+        return (self.high - self.low) / np.sqrt(12.0)
+
+
+class Spectrum(NamedTuple):
+    """Residuals of a member, and the member itself, by frequency."""
+
+    frequency: np.ndarray    # (F,) Hz
+    power: np.ndarray        # (F,) of the normal scores; of the member, its mean is 1
+    density: np.ndarray      # (F,) of the member: that of white noise is its variance
+    count: np.ndarray        # (F,) frequencies that each stands for
+
+    __repr__ = brief
+
+
+def residual_spectrum(h, scene, signatures, theta):
+    """`Spectrum` of a member at theta (p,)."""
+    z = predict(h, scene, signatures, theta[None]).z[0, 0]
+    inside = slice(1, (len(z) + 1) // 2)    # both ends have one degree of freedom only
+    frequency = np.fft.rfftfreq(len(z), scene.dt)[inside]
+    power = np.abs(np.fft.rfft(np.nan_to_num(z))[inside])**2 / np.sum(~np.isnan(z))
+    return Spectrum(frequency, power, _densities(h, scene, theta[None], frequency)[0],
+                    np.ones(len(power)))
+
+
+def _densities(h, scene, theta, frequency):
+    """Spectra (M, F) of a member at theta (M, p)."""
+    own = processes(h, scene, theta)
+    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
+    a, q = own.a[..., None], own.q[..., None]
+    return own.r.mean(1)[:, None] + (q / ((1.0 - a)**2 + a * turn)).sum(1).real
+
+
+def promise(h, richer, scene, signatures, theta):
+    """A member with a further process, its last effect, and Whittle's ln B of that
+    process; the frequency of a band is `Sought`. The rest of the member stays at
+    theta (p,) but for its scale.
+    """
+    seen = residual_spectrum(h, scene, signatures, theta)
+    seen = seen._replace(power=seen.power / seen.power.mean())
+    if richer.effects[-1].effect.search == "band":
+        return _with_law(richer, scene, seen)
+    return richer, _log_bayes(richer, scene, _binned(seen), theta)
+
+
+BINS = 256     # of frequency, in which the spectrum of a process is smooth
+NODES = 24     # of the only parameter of a process
+NODES_OF_TWO = 9    # of each of two
+
+
+def _binned(seen, bands=()):
+    """The spectrum by bins of even width on a logarithmic axis, and about frequencies
+    of bands by bins that are finer the nearer they are.
+    """
+    last, step = len(seen.power) + 1, seen.frequency[0]
+    away = np.geomspace(1, last, BINS // 2)
+    ends = np.concatenate([np.geomspace(1, last, BINS + 1), *(
+        f / step + sign * away for f in bands for sign in (-1.0, 1.0))])
+    ends = np.unique(np.clip(ends, 1, last).astype(int)) - 1
+    count = np.diff(ends)
+    return Spectrum(*(np.add.reduceat(part, ends[:-1]) / count for part in seen[:3]),
+                    count)
+
+
+def _log_bayes(richer, scene, seen, theta):
+    own = tuple(richer.effects[-1].values.values())
+    each = NODES if len(own) == 1 else NODES_OF_TWO
+    u = (np.arange(each) + 0.5) / each
+    grid = np.stack(np.meshgrid(*[u] * len(own)), -1).reshape(-1, len(own))
+    nodes = np.hstack([np.tile(theta, (len(grid), 1)), at_quantiles(own, grid)])
+    ratio = _densities(richer, scene, nodes, seen.frequency) / seen.density
+    total = seen.count.sum()
+    gain = -total * np.log((seen.power / ratio) @ seen.count / total) - (
+        np.log(ratio) @ seen.count)
+    # as for an account, no more than by Akaike's correction
+    return min(logsumexp(gain) - np.log(len(gain)), gain.max() - len(own))
+
+
+TAU_STEP, SIGMA_STEP = 2.5, 2.0    # ratio of one node of a band to the next
+REACH = 12    # half widths of a band to either side of its middle that are looked at
+FINE = 3      # middles tried in a half width
+
+
+def _with_law(richer, scene, seen):
+    """The member with the frequency of its band sought, and ln B of the band."""
+    *others, band = richer.effects
+    frequency, tau, sigma = band.values.values()
+    total = np.full(len(seen.power), -np.inf)
+    variance = _nodes(sigma, SIGMA_STEP)**2
+    taus = _nodes(tau, TAU_STEP)
+    for value in taus:
+        gain = _band_gains(seen, scene.dt, value, variance)
+        gain[2.0 * np.pi * seen.frequency * value < MIN_TURN] = 0.0
+        total = np.logaddexp(total, gain - np.log(len(taus)))
+    middle = frequency.low + (frequency.high - frequency.low) * (
+        np.arange(len(total)) + 0.5) / len(total)
+    gain = np.interp(middle, seen.frequency, total)
+    # wider than Whittle's posterior, which is not the true one
+    law = [np.exp(power * gain - logsumexp(power * gain)) for power in (1.0, 0.5, 0.0)]
+    sought = Sought(frequency.symbol, frequency.low, frequency.high, np.mean(law, 0))
+    return richer._replace(effects=(*others, band._replace(values={
+        **band.values, frequency.symbol: sought}))), logsumexp(gain) - np.log(len(gain))
+
+
+def _nodes(p, step):
+    """Values of a parameter at even quantiles, a ratio of about `step` apart."""
+    count = int(np.ceil(np.log(p.high / p.low) / np.log(step))) if p.free else 1
+    return p.quantile((np.arange(count) + 0.5) / count)
+
+
+def _band_gains(seen, dt, tau, variance):
+    """ln of the mean Bayes factor (F,) over variances of bands of correlation time tau
+    about every frequency.
+    """
+    F, a = len(seen.power), np.exp(-dt / tau)
+    step = seen.frequency[0]
+    width = 1.0 / (2.0 * np.pi * tau * step)    # half of a band, in frequencies
+    away = np.arange(min(int(REACH * width) + 2, F)) * step
+    shape = 0.5 * (1.0 - a**2) / (1.0 + a**2 - 2.0 * a * np.cos(
+        2.0 * np.pi * away * dt))
+    middles = np.arange(0, F, max(int(width / FINE), 1))
+    gain = np.empty((len(middles), len(variance)))
+    in_threads(_gain_bands, len(middles), seen.power, seen.density, shape, middles,
+               variance, gain)
+    return np.interp(np.arange(F), middles, logsumexp(gain, axis=1) - np.log(
+        len(variance)))
+
+
+@njit(**KERNEL)
+def _gain_bands(first, last, power, density, shape, middles, variance, gain):
+    """Whittle's gain (middles, variances) of bands of a shape (reach,), the scale of
+    all else free.
+    """
+    F, reach = len(power), len(shape) - 1
+    for j in range(first, last):
+        at = middles[j]
+        for v in range(len(variance)):
+            less, log_ratio, product = 0.0, 0.0, 1.0
+            for k in range(max(at - reach, 0), min(at + reach + 1, F)):
+                ratio = 1.0 + variance[v] * shape[abs(k - at)] / density[k]
+                less += power[k] * (1.0 - 1.0 / ratio)
+                product *= ratio
+                if k % 4 == 3:    # one logarithm for several
+                    log_ratio += np.log(product)
+                    product = 1.0
+            gain[j, v] = -F * np.log(1.0 - less / F) - log_ratio - np.log(product)
+
+
+CANDIDATES = 512    # nodes of the new parameters of which the best are climbed from
+CLIMBED = 3         # of these
+
+
+def posterior_law(h, scene, signatures, other, theta, known):
+    """Mean (d,) and covariance (d, d), in the coordinates of `integrate`, of about the
+    posterior of a member, by Whittle's likelihood.
+
+    Another member has its posterior about theta (p,): what it leaves of the record is
+    white there, so that nothing leaks from one frequency to the next. `known` are these
+    coordinates of parameters by key, from which the search starts.
+    """
+    keys = [h.keys[c] for c in free_columns(h.parameters)]
+    new = [axis for axis, key in enumerate(keys) if key not in known]
+    starts = np.tile([known.get(key, 0.0) for key in keys], (CANDIDATES, 1))
+    starts[:, new] = ndtri(LatinHypercube(max(len(new), 1), rng=0).random(CANDIDATES))[
+        :, :len(new)]
+    seen = _binned(residual_spectrum(other, scene, signatures, theta), [
+        _middle(one.values["frequency"], known.get((one.key, "frequency")))
+        for one in h.effects if one.effect.search == "band"])
+    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * seen.frequency * scene.dt)
+
+    def log_posterior(x):
+        theta, gain = at_quantiles(h.parameters, ndtr(x)), np.empty(len(x))
+        own = processes(h, scene, theta)
+        in_threads(_whittle, len(x), own.a, own.q, own.r.mean(1), turn, *seen[1:], gain)
+        for column, p in enumerate(h.parameters):
+            if isinstance(p, Sought):
+                gain += p.log_ratio(theta[:, column])
+        return gain - 0.5 * (x**2).sum(1)
+
+    height, modes = log_posterior(starts), []
+    for _ in range(CLIMBED if new else 1):
+        modes.append(climb(log_posterior, starts[height.argmax()]))
+        height[((starts - starts[height.argmax()])**2).sum(1) < 1.0] = -np.inf
+    return modes[int(np.argmax([log_posterior(x[None])[0] for x, _ in modes]))]
+
+
+def _middle(frequency, x):
+    """Where a band is looked for, Hz: where it is known to be, or most probable."""
+    if x is not None or not isinstance(frequency, Sought):
+        return frequency.quantile(ndtr(x or 0.0))
+    part = (frequency.mass.argmax() + 0.5) / len(frequency.mass)
+    return frequency.low + part * (frequency.high - frequency.low)
+
+
+@njit(**KERNEL)
+def _whittle(first, last, a, q, r, turn, power, density, count, gain):
+    """Whittle's likelihoods of nodes, for residuals of a member of this density."""
+    for m in range(first, last):
+        total = 0.0
+        for k in range(len(turn)):
+            ratio = (r[m] + spectrum(a[m], q[m], turn[k])) / density[k]
+            total -= count[k] * (power[k] / ratio + np.log(ratio))
+        gain[m] = total

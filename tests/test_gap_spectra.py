@@ -1,0 +1,91 @@
+"""What a process would gain by its spectrum, against sums over frequencies and filters.
+"""
+
+import numpy as np
+from conftest import DT, member
+from numpy.testing import assert_allclose
+from scipy.special import logsumexp
+
+import sensorid
+from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
+from sensorlab.gap import account, evidence, filters, spectra
+
+WHITE = sensorid.hypothesis("white_noise", sigma_v=(0.5, 2.0))
+
+
+def with_band(n=600, **values):
+    """Scene of white noise with a band; its hypothesis without and with one."""
+    band = Found(CATALOGUE["narrow_band_noise"], values=account.fixed(**values))
+    truth = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    y = simulate_effects(Simulator((truth,), ((band,),)),
+                         Scene(np.zeros(n), DT, {}), seed=3).error[0]
+    scene = Scene(y, DT, {})
+    return scene, member(scene, WHITE), member(scene, WHITE, "narrow_band_noise")
+
+
+def test_gains_of_bands_are_whittles():
+    rng = np.random.default_rng(1)
+    frequency, power = np.arange(1, 120) / 240.0, rng.exponential(size=119)
+    density, variance = rng.uniform(0.5, 2.0, 119), np.array([0.02, 0.7])
+    seen = spectra.Spectrum(frequency, power / power.mean(), density, np.ones(119))
+    tau, a, expected = 3.0, np.exp(-1.0 / 3.0), []
+    for middle in frequency:
+        away = 2.0 * np.pi * (frequency - middle)
+        shape = 0.5 * (1.0 - a * a) / np.abs(1.0 - a * np.exp(1j * away))**2
+        gain = []
+        for v in variance:
+            ratio = 1.0 + v * shape / density
+            gain.append(-119 * np.log(np.mean(seen.power / ratio))
+                        - np.log(ratio).sum())
+        expected.append(logsumexp(gain) - np.log(2))
+    tried = slice(None, None, 4)    # middles; between them it is interpolated
+    assert_allclose(spectra._band_gains(seen, 1.0, tau, variance)[tried],
+                    expected[tried], rtol=1e-9, atol=1e-9)
+
+
+def test_frequencies_are_drawn_from_their_law():
+    sought = spectra.Sought("frequency", 0.1, 0.5, np.array([1.0, 6.0, 2.0, 1.0]))
+    f = sought.quantile((np.arange(10000) + 0.5) / 10000)
+    assert_allclose(np.histogram(f, 4, (0.1, 0.5))[0] / 10000, sought.mass / 10.0,
+                    atol=1e-3)
+    weight = np.exp(sought.log_ratio(f))    # of the prior
+    assert_allclose([weight.mean(), weight @ f / 10000], [1.0, sought.mean], rtol=1e-3)
+    assert_allclose(np.sqrt(weight @ (f - sought.mean)**2 / 10000), sought.sd,
+                    rtol=1e-3)
+
+
+def test_evidence_of_an_unknown_band_is_the_sum_over_all_frequencies():
+    scene, h, richer = with_band(frequency=0.21, tau=40.0, sigma=0.5)
+    richer, _ = spectra.promise(h, richer, scene, (), np.array([1.0]))
+    known = {("narrow_band_noise", "tau"): 40.0, ("narrow_band_noise", "sigma"): 0.5}
+    plain = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    richer = richer.fixed(known)._replace(hypothesis=plain)
+    sought = richer.parameters[1]
+    every = sought.low + (sought.high - sought.low) * (np.arange(3000) + 0.5) / 3000
+    nodes = np.column_stack([np.ones(3000), every, np.full(3000, 40.0),
+                             np.full(3000, 0.5)])
+    exact = logsumexp(filters.log_likelihoods(richer, scene, (), nodes)) - np.log(3000)
+    s = evidence.integrate(
+        lambda theta: filters.log_likelihoods(richer, scene, (), theta)[:, None],
+        richer.parameters)
+    assert abs(s.log_evidence[0] - exact) < 0.15
+    assert abs(s.mean[1] - 0.21) < 4.0 * s.sd()[1] < 0.02
+
+
+def test_a_promise_is_about_what_a_filter_finds():
+    scene, h, band = with_band(frequency=0.21, tau=20.0, sigma=0.6)
+    base = account.account(scene, [h])
+    theta = base.samples[0].theta[base.samples[0].log_likelihood.argmax()]
+    for name, apart in (("narrow_band_noise", 4.0), ("blue_noise", 2.0)):
+        richer, told = spectra.promise(h, member(scene, WHITE, name), scene, (), theta)
+        found = account.account(scene, [h], [richer])
+        gain = found.log_evidence - base.log_evidence
+        assert abs(told - gain) < apart, name
+        assert (gain > 15.0) == (name == "narrow_band_noise")
+
+
+def test_a_band_at_an_end_of_its_range_and_short_records_are_no_errors():
+    for n in (64, 65):
+        scene, h, richer = with_band(n, frequency=0.45, tau=4.0, sigma=0.2)
+        _, told = spectra.promise(h, richer, scene, (), np.array([1.0]))
+        assert np.isfinite(told)
