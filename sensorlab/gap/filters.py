@@ -264,7 +264,7 @@ def polarized(b, scene, rows, pairs):
         for row, (i, j) in zip(every[count:], pairs):
             np.add(rows[i], rows[j], out=row)
         every[:, gap] = np.nan
-    sums = next(filter_bank(b, every, [len(gap)], few=True))
+    sums = next(filter_bank(b, every, [len(gap)], few=len(every) <= len(b.r)))
     cross = [0.5 * (chi2 - sums.chi2[i] - sums.chi2[j])
              for chi2, (i, j) in zip(sums.chi2[count:], pairs)]
     return sums, np.array(cross)
