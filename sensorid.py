@@ -936,10 +936,11 @@ def _advance_record(y, observed, last_gap, node, memory, state):
 
 
 @njit(**JIT)
-def _covariance_abreast(entries, phi, noise, h, r, o, P, prior, Ph, f):
+def _covariance_abreast(entries, phi, noise, h, r, o, P, prior, Ph, f, weight):
     """Eqs. (5), (6), (8) of one sample for GROUP nodes of n states: P (n, n, GROUP), of
     which the lower half counts, becomes the filtered covariance, Ph (n, GROUP) is the
-    predicted one times h, f (GROUP,) the variance of the innovation.
+    predicted one times h, f (GROUP,) the variance of the innovation, weight (GROUP,) its
+    inverse, 0 where the sample is missing (o = 0).
     """
     n = len(Ph)
     prior[:] = 0.0
@@ -967,10 +968,12 @@ def _covariance_abreast(entries, phi, noise, h, r, o, P, prior, Ph, f):
                 Ph[row, g] += P[high, low, g] * h[s, g]
         for g in range(GROUP):
             f[g] += h[row, g] * Ph[row, g]
+    for g in range(GROUP):
+        weight[g] = o / f[g]
     for row in range(n):
         for s in range(row + 1):
             for g in range(GROUP):
-                P[row, s, g] -= Ph[row, g] * Ph[s, g] * o / f[g]
+                P[row, s, g] -= Ph[row, g] * Ph[s, g] * weight[g]
 
 
 @njit(**JIT)
@@ -1038,9 +1041,9 @@ def _advance_abreast(y, observed, last_gap, first, entries, Phi, Q, H, r, x, P, 
                         entries, Phi[group, min(at, Phi.shape[1] - 1)],
                         Q[group, min(at, Q.shape[1] - 1)],
                         H[group, min(at, H.shape[1] - 1)],
-                        r[group, min(at, r.shape[1] - 1)], o, own, prior, Ph, f)
+                        r[group, min(at, r.shape[1] - 1)], o, own, prior, Ph, f,
+                        weight[i - begin])
                     for g in range(GROUP):
-                        weight[i - begin, g] = o / f[g]
                         product[g] *= o * f[g] + (1.0 - o)
                     for s in range(n):
                         for g in range(GROUP):

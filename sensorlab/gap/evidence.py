@@ -85,7 +85,7 @@ def moments(w, x):
 ROUND = 2 * GROUP         # points of a round; the bank takes whole groups
 MAX_ROUNDS = 18
 ENOUGH_POINTS = 60.0      # effective ones at which the evidence is good to 0.13 nat
-CLIMB_AFTER = 1           # rounds in which no mode was found
+CLIMB_AFTER = 1           # rounds in which no mode was found, where none is guessed
 MISSED_NATS = 2.0         # that a mode is above all points of a sample that missed it
 HOPELESS_NATS = 3.0       # below a rival: what the mean evidence would hardly notice
 NOTHING = -1e100          # log-likelihood where a filter breaks down
@@ -185,16 +185,17 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
     few, enough = round(effort * ROUND), effort * ENOUGH_POINTS
     x, proposals = _first_points(d, guesses, few, rng)
     points, modes, missed = located(x), [], True
+    patience = 0 if guesses else CLIMB_AFTER
     for attempt in range(MAX_ROUNDS):
         log_weight = points.log_weight(proposals)
         effective = 1.0 / np.sum(normalized(points.total + log_weight)**2)
         found = effective >= 5.0 * (d + 1)
         below = floor - logsumexp(points.total + log_weight)
         hopeless = below > HOPELESS_NATS and effective >= 2.0 * (d + 1) or (
-            below > 3.0 * HOPELESS_NATS and attempt > CLIMB_AFTER + 1)
+            below > 3.0 * HOPELESS_NATS and attempt > patience + 1)
         if effective >= enough or hopeless:
             break
-        if attempt in (CLIMB_AFTER, CLIMB_AFTER + 1) and missed and not found:
+        if attempt in (patience, patience + 1) and missed and not found:
             start, height = _highest(points, modes)
             modes.append(climb(lambda x: located(x).log_posterior, start))
             top = located(modes[-1][0][None]).log_posterior[0]
@@ -260,6 +261,8 @@ def _next_law(points, log_weight, effective, found, modes):
 
 
 MAX_CLIMB = 12    # steps
+NEW_CURVATURE = 3    # steps that one serves: second derivatives take d times as many
+                     # points as first ones
 DERIVATIVE_STEP = 1e-2    # in standard deviations of the prior: wide enough to pass
                           # over the roughness that a mixture filter has
 DAMPING = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 13)])
@@ -271,27 +274,46 @@ def climb(log_posterior, x):
     Newton's steps, each of them at several dampings at once (D. Marquardt, J. SIAM 11,
     1963); `log_posterior` takes (M, d), its prior is N(0, I).
     """
+    for step in range(MAX_CLIMB):
+        if step % NEW_CURVATURE == 0:
+            height, slope, width, axes = _curvature(log_posterior, x)
+        else:
+            height, slope = _slope(log_posterior, x)
+        push = axes.T @ slope
+        tries = x + (push / (width + DAMPING[:, None])) @ axes.T
+        heights = log_posterior(tries)
+        if heights.max() < height + 0.1:
+            break
+        x = tries[heights.argmax()]
+    if step % NEW_CURVATURE:
+        *_, width, axes = _curvature(log_posterior, x)
+    return x, axes @ np.diag(1.0 / width) @ axes.T
+
+
+def _slope(log_posterior, x):
+    """Log posterior at x and its derivatives (d,)."""
+    shift = DERIVATIVE_STEP * np.eye(len(x))
+    lp = log_posterior(x + np.vstack([np.zeros((1, len(x))), shift, -shift]))
+    up, down = lp[1:].reshape(2, -1)
+    return lp[0], (up - down) / (2.0 * DERIVATIVE_STEP)
+
+
+def _curvature(log_posterior, x):
+    """`_slope`, and widths (d,) and axes (d, d) of minus the second derivatives."""
     d = len(x)
     shift = DERIVATIVE_STEP * np.eye(d)
     pairs = [(i, j) for i in range(d) for j in range(i)]
-    stencil = np.vstack([np.zeros((1, d)), shift, -shift, *(
+    lp = log_posterior(x + np.vstack([np.zeros((1, d)), shift, -shift, *(
         [one * shift[i] + two * shift[j] for one in (1, -1) for two in (1, -1)]
-        for i, j in pairs)])
-    for _ in range(MAX_CLIMB):
-        lp = log_posterior(x + stencil)
-        up, down, cross = lp[1:1 + d], lp[1 + d:1 + 2 * d], lp[1 + 2 * d:]
-        curvature = np.diag(2.0 * lp[0] - up - down)
-        for (i, j), (a, b, c, e) in zip(pairs, cross.reshape(-1, 4)):
-            curvature[i, j] = curvature[j, i] = 0.25 * (b + c - a - e)
-        width, axes = np.linalg.eigh(curvature / DERIVATIVE_STEP**2)
-        width = np.maximum(np.abs(width), 1.0)    # the prior alone curves by 1
-        slope = axes.T @ (up - down) / (2.0 * DERIVATIVE_STEP)
-        tries = x + (slope / (width + DAMPING[:, None])) @ axes.T
-        height = log_posterior(tries)
-        if height.max() < lp[0] + 0.1:
-            break
-        x = tries[height.argmax()]
-    return x, axes @ np.diag(1.0 / width) @ axes.T
+        for i, j in pairs)]))
+    up, down, cross = lp[1:1 + d], lp[1 + d:1 + 2 * d], lp[1 + 2 * d:]
+    curvature = np.diag(2.0 * lp[0] - up - down)
+    for (i, j), (a, b, c, e) in zip(pairs, cross.reshape(-1, 4)):
+        curvature[i, j] = curvature[j, i] = 0.25 * (b + c - a - e)
+    width, axes = np.linalg.eigh(curvature / DERIVATIVE_STEP**2)
+    # the prior alone curves by 1
+    return lp[0], (up - down) / (2.0 * DERIVATIVE_STEP), np.maximum(
+        np.abs(width), 1.0), axes
 
 
 STRAY_SHARE = 0.1       # probability of an onset anywhere at all

@@ -75,32 +75,38 @@ def has_pairs(pair):
     return False
 
 
-@njit(**JIT)
-def turn(a, b, pair, x):
-    """Phi x in place, x (n, lanes); Phi has a on its diagonal, b beside it."""
-    for s in range(len(pair)):
-        t = pair[s]
-        for g in range(x.shape[1]):
-            if t == s:
-                x[s, g] *= a[s, g]
-            elif t > s:
-                old = x[s, g]
-                x[s, g] = a[s, g] * old + b[s, g] * x[t, g]
-                x[t, g] = a[t, g] * x[t, g] + b[t, g] * old
+def _turns(lanes):
+    """Kernels that take states and covariances of so many lanes one step on."""
+    @njit(**JIT)
+    def turn(a, b, pair, x):
+        """Phi x in place, x (n, lanes); Phi has a on its diagonal, b beside it."""
+        for s in range(len(pair)):
+            t = pair[s]
+            for g in range(lanes):
+                if t == s:
+                    x[s, g] *= a[s, g]
+                elif t > s:
+                    old = x[s, g]
+                    x[s, g] = a[s, g] * old + b[s, g] * x[t, g]
+                    x[t, g] = a[t, g] * x[t, g] + b[t, g] * old
+
+    @njit(**JIT)
+    def turn_covariance(a, b, pair, P):
+        """Phi P Phi' in place, P (n, n, lanes), of which the lower half is given."""
+        n = len(pair)
+        for s in range(n):
+            for t in range(s):
+                for g in range(lanes):
+                    P[t, s, g] = P[s, t, g]
+        for t in range(n):
+            turn(a, b, pair, P[:, t])
+        for s in range(n):
+            turn(a, b, pair, P[s])
+    return turn, turn_covariance
 
 
-@njit(**JIT)
-def turn_covariance(a, b, pair, P):
-    """Phi P Phi' in place, P (n, n, lanes), of which the lower half is given."""
-    n = len(pair)
-    for s in range(n):
-        for t in range(s):
-            for g in range(P.shape[2]):
-                P[t, s, g] = P[s, t, g]
-    for t in range(n):
-        turn(a, b, pair, P[:, t])
-    for s in range(n):
-        turn(a, b, pair, P[s])
+turn, turn_covariance = _turns(ABREAST)
+_turn_alone, _turn_covariance_alone = _turns(1)
 
 
 @njit(**JIT)
@@ -226,8 +232,8 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
         for i in range(N):
             f, seen = r[node, min(i, r.shape[1] - 1)], not np.isnan(y[begin, i])
             if paired:
-                turn_covariance(a.reshape(n, 1), b.reshape(n, 1), pair,
-                                P.reshape(n, n, 1))
+                _turn_covariance_alone(a.reshape(n, 1), b.reshape(n, 1), pair,
+                                       P.reshape(n, n, 1))
                 turn(lanes_a, lanes_b, pair, x)
             else:
                 for s in range(n):
