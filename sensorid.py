@@ -939,8 +939,8 @@ def _advance_record(y, observed, last_gap, node, memory, state):
 def _covariance_abreast(entries, phi, noise, h, r, o, P, prior, Ph, f, weight):
     """Eqs. (5), (6), (8) of one sample for GROUP nodes of n states: P (n, n, GROUP), of
     which the lower half counts, becomes the filtered covariance, Ph (n, GROUP) is the
-    predicted one times h, f (GROUP,) the variance of the innovation, weight (GROUP,) its
-    inverse, 0 where the sample is missing (o = 0).
+    predicted one times h, f (GROUP,) the variance of the innovation, weight (GROUP,)
+    its inverse, 0 where the sample is missing (o = 0).
     """
     n = len(Ph)
     prior[:] = 0.0
