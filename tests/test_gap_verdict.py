@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import DT, MODEL
 from numpy.testing import assert_allclose
 
 import sensorid
@@ -92,6 +93,18 @@ def test_every_probability_of_a_report_has_its_error(answers):
             assert 0.0 <= cause["probability_error"] <= 0.05
     assert answers["unknown"][0].causes[0].error > 0.0 or (
         answers["unknown"][0].causes[0].probability > 0.99)
+
+
+def test_where_the_search_stops_counts_with_the_probability_of_stopping():
+    (y,) = sensorid.simulate(MODEL, DT, 400, seed=5).error
+    effects = [sensorlab.CATALOGUE[name] for name in ("rate_ramp", "bias_step")]
+    d = diagnose(y, DT, MODEL, effects=effects, trials=29)
+    assert d.verdict == "none"
+    look = causes.further_causes(d.scene, d.base, effects).causes
+    said = {c.effect: c.probability for c in d.causes}
+    assert_allclose([said[c.effect] / said["none"] for c in look], [
+        c.probability / next(one.probability for one in look if not one.found)
+        for c in look], rtol=1e-6)
 
 
 def test_the_model_has_what_the_verdict_names():

@@ -174,7 +174,9 @@ class _Described(NamedTuple):
 def _described(full, done, before, measured):
     """`_Described` of a search, its effects estimated together."""
     path = estimated_together(full, done.account, done.path)
-    done = done._replace(path=path, leaves={**done.leaves, path.effect: path})
+    done = done._replace(path=path, leaves={
+        **done.leaves, path.effect: done.leaves[path.effect]._replace(
+            found=path.found)})
     closed = closure(before, done.after)
     directed = bool(path.found and np.isnan(closed.closed))
     if directed:
