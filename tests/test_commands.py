@@ -420,7 +420,7 @@ def test_parameters_are_quoted_as_data_sheets_do(folder, capsys):
                 "--hypotheses random_walk --json o.json".split()) == 0
     said = capsys.readouterr().out
     assert "sigma_v = 0.5" in said
-    assert "deg/s/sqrt(Hz)    (N = sigma_v sqrt(dt))" in said
+    assert "deg/s/sqrt(Hz)  N = sigma_v sqrt(dt)" in said
     white, walk = sorted(json.loads(pathlib.Path("o.json").read_text())["quoted"],
                          key=lambda q: q["symbol"])
     assert white["name"] == "angle random walk" and abs(white["mean"] - 0.5) < 0.02

@@ -295,7 +295,7 @@ def test_bad_input_is_named(y, columns, message):
 
 def test_a_hypothesis_that_is_no_sum_of_processes_is_refused():
     h = sensorid.hypothesis("rate_ramp", slope=(-1e-3, 1e-3), sigma_v=0.5)
-    with pytest.raises(ValueError, match="no sum of independent"):
+    with pytest.raises(ValueError, match="no sum of random walks"):
         sensorlab.diagnose(np.random.default_rng(0).standard_normal(200), DT,
                            [h, *MODEL])
 

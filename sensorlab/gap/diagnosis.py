@@ -89,8 +89,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     ------
     ValueError
         If the record is too short, constant or not finite, a column does not fit it,
-        a hypothesis is no sum of one-state processes, or the simulator has effects
-        that cannot be in one.
+        a hypothesis is no sum of random walks and stationary processes of one state or
+        two, or the simulator has effects that cannot be in one.
     MemoryError
         If the record is longer than the memory allows.
     """

@@ -48,10 +48,14 @@ def _modes_of(h, b):
     """`Modes` of a hypothesis with this bank."""
     own = modes(b) or equivalent_modes(b)
     if own is None:
-        raise ValueError(f"{h.name} is no sum of independent one-state processes: "
-                         "only such hypotheses can be diagnosed; give a ramp as an "
-                         "effect of a random walk")
+        raise _refusal(h)
     return own
+
+
+def _refusal(h):
+    return ValueError(f"{h.name} is no sum of random walks and of stationary processes "
+                      "of one state or two: only such hypotheses can be diagnosed; "
+                      "give a ramp as an effect of a random walk")
 
 
 SAME = 1e-8    # relative: two numbers that are equal but for rounding
@@ -112,9 +116,7 @@ def parts_of(h, b):
     joined = sum(np.abs(m).sum(0) for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)) > 0.0
     joined = (joined | joined.T) & ~np.eye(n, dtype=bool)
     if not timeless or b.m0.any() or (b.H != b.H[0]).any() or joined.sum(1).max() > 1:
-        raise ValueError(f"{h.name} is no sum of independent processes of one state or "
-                         "two: only such hypotheses can be diagnosed; give a ramp as "
-                         "an effect of a random walk")
+        raise _refusal(h)
     pair = np.where(joined.any(1), joined.argmax(1), np.arange(n))
     beside = (pair != np.arange(n)) * 1.0
     own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
