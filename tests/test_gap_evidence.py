@@ -110,3 +110,13 @@ def test_the_error_of_an_evidence_is_its_spread_over_seeds():
     spread = np.std([s.log_evidence[0] for s in samples])
     told = np.mean([s.error[0] for s in samples])
     assert 0.4 < spread / told < 1.6 and spread < 0.2
+
+
+def test_points_are_drawn_where_one_parameter_is_known_a_million_times_as_well():
+    cov, rng = np.diag([1.0, 1e-14]), np.random.default_rng(0)
+    x, log_density = evidence._drawn(np.array([0.5, 2.0]), cov, 1000, rng)
+    assert np.abs(x[:, 1] - 2.0).max() < 1e-4
+    # in two dimensions the peak of Student's law is that of the normal one
+    wide = np.prod(np.sqrt(1.2 * np.diag(cov) + 1e-12))
+    assert abs(log_density(np.array([[0.5, 2.0]]))[0] + np.log(
+        2.0 * np.pi * wide)) < 1e-4

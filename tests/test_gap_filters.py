@@ -5,6 +5,7 @@ import itertools
 import generator
 import naive
 import numpy as np
+import pytest
 from conftest import DT, MODEL, dense, member, paper_case
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal, norm
@@ -112,6 +113,16 @@ def test_processes_of_two_states_are_those_of_the_dense_gaussian():
     assert_allclose(filters.log_likelihoods(h, scene, (), theta), expected, rtol=1e-9)
     assert_allclose(filters.solve(h, scene, (), theta).residual[0, seen],
                     np.linalg.solve(C, y), rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("variant", ["first order", "second order"])
+def test_what_is_low_passed_may_change_its_variance(variant):
+    scene = Scene(np.random.default_rng(2).standard_normal(60), DT, {})
+    h = member(scene, MODEL[1], "noise_step").with_effect(CATALOGUE["bandwidth"],
+                                                          variant)
+    theta = np.array([p.mean for p in h.parameters])[None]
+    assert filters.processes(h, scene, theta).a.shape[0] == 1
+    assert np.isfinite(filters.log_likelihoods(h, scene, (), theta)).all()
 
 
 def test_the_axes_of_a_process_of_two_states_do_not_matter():

@@ -167,7 +167,7 @@ def _bandwidth(scene, filt, tau, variant=""):
     """The white noise passes a low-pass of unit gain at rest, of first order or of
     second (Butterworth).
     """
-    rest, white = filt._replace(Psi=0.0 * filt.Psi), filt.Psi
+    rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[..., :1]
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])

@@ -232,9 +232,15 @@ def _first_points(d, guesses, few, rng):
 
 def _drawn(mean, cov, count, rng):
     """Points from a Student t somewhat wider than a law, and its density."""
-    law = multivariate_t(mean, 1.2 * cov + 1e-12 * np.eye(len(mean)), df=5)
-    x = law.rvs(count, random_state=rng).reshape(count, len(mean))
-    return x, lambda x: np.reshape(law.logpdf(x), len(x))
+    # by standard deviations: one parameter may be known a million times as well
+    eye = np.eye(len(mean))
+    wider = 1.2 * cov + 1e-12 * eye
+    sd = np.sqrt(np.diag(wider))
+    law = multivariate_t(np.zeros(len(mean)), wider / np.outer(sd, sd) + 1e-6 * eye,
+                         df=5)
+    x = mean + sd * law.rvs(count, random_state=rng).reshape(count, len(mean))
+    return x, lambda x: np.reshape(law.logpdf((x - mean) / sd), len(x)) - np.log(
+        sd).sum()
 
 
 def _highest(points, modes):
