@@ -936,13 +936,18 @@ def _advance_record(y, observed, last_gap, node, memory, state):
 
 
 @njit(**JIT)
-def _covariance_abreast(entries, phi, noise, h, r, o, P, prior, Ph, f, weight):
-    """Eqs. (5), (6), (8) of one sample for GROUP nodes of n states: P (n, n, GROUP), of
-    which the lower half counts, becomes the filtered covariance, Ph (n, GROUP) is the
-    predicted one times h, f (GROUP,) the variance of the innovation, weight (GROUP,)
-    its inverse, 0 where the sample is missing (o = 0).
+def _predict_abreast(entries, apart, phi, noise, P, prior):
+    """Eq. (5) for GROUP nodes of n states: P (n, n, GROUP), of which the lower half
+    counts, becomes the predicted covariance. States that are `apart` do not mix.
     """
-    n = len(Ph)
+    n = len(P)
+    if apart:
+        for row in range(n):
+            for s in range(row + 1):
+                for g in range(GROUP):
+                    P[row, s, g] = (phi[row, row, g] * P[row, s, g] * phi[s, s, g]
+                                    + noise[row, s, g])
+        return
     prior[:] = 0.0
     for row, column in entries:
         for s in range(n):
@@ -957,55 +962,99 @@ def _covariance_abreast(entries, phi, noise, h, r, o, P, prior, Ph, f, weight):
         for s in range(row, n):
             for g in range(GROUP):
                 P[s, row, g] += prior[s, column, g] * phi[row, column, g]
-    for g in range(GROUP):
-        f[g] = r[g]
-    for row in range(n):
-        for g in range(GROUP):
-            Ph[row, g] = 0.0
-        for s in range(n):
-            low, high = min(row, s), max(row, s)
-            for g in range(GROUP):
-                Ph[row, g] += P[high, low, g] * h[s, g]
-        for g in range(GROUP):
-            f[g] += h[row, g] * Ph[row, g]
-    for g in range(GROUP):
-        weight[g] = o / f[g]
-    for row in range(n):
-        for s in range(row + 1):
-            for g in range(GROUP):
-                P[row, s, g] -= Ph[row, g] * Ph[s, g] * weight[g]
 
 
 @njit(**JIT)
-def _is_steady(past, P, Ph, weight):
+def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weight):
+    """Eqs. (5), (6), (8) of a stretch from sample `first` on, for GROUP nodes: gain
+    (., n, GROUP) and 1 / f (., GROUP) of every sample, 0 where it is missing; P becomes
+    the last filtered covariance. Returned is log_det (GROUP,) of the stretch.
+    """
+    n = len(P)
+    prior, Ph = np.empty((n, n, GROUP)), np.empty((n, GROUP))
+    f, product, log_det = np.empty(GROUP), np.ones(GROUP), np.zeros(GROUP)
+    for i in range(len(observed)):
+        o, at = observed[i], first + i
+        h, noise = H[min(at, len(H) - 1)], r[min(at, len(r) - 1)]
+        _predict_abreast(entries, apart, Phi[min(at, len(Phi) - 1)],
+                         Q[min(at, len(Q) - 1)], P, prior)
+        for g in range(GROUP):
+            f[g] = noise[g]
+        for row in range(n):
+            for g in range(GROUP):
+                Ph[row, g] = 0.0
+            for s in range(n):
+                low, high = min(row, s), max(row, s)
+                for g in range(GROUP):
+                    Ph[row, g] += P[high, low, g] * h[s, g]
+            for g in range(GROUP):
+                f[g] += h[row, g] * Ph[row, g]
+        for g in range(GROUP):
+            weight[i, g] = o / f[g]
+            product[g] *= o * f[g] + (1.0 - o)
+        for row in range(n):
+            for g in range(GROUP):
+                gain[i, row, g] = Ph[row, g] * weight[i, g]
+            for s in range(row + 1):
+                for g in range(GROUP):
+                    P[row, s, g] -= gain[i, row, g] * Ph[s, g]
+        if i % 8 == 7 or i == len(observed) - 1:
+            for g in range(GROUP):
+                log_det[g] += np.log(product[g])
+                product[g] = 1.0
+    return log_det
+
+
+@njit(**JIT)
+def _is_steady(past, P, gain, weight):
     """Have filtered covariances stayed what they were, but for rounding?"""
-    n = len(Ph)
+    n = len(P)
     for row in range(n):
         for s in range(row + 1):
             for g in range(GROUP):
-                scale = ((P[row, row, g] + Ph[row, g]**2 * weight[g])
-                         * (P[s, s, g] + Ph[s, g]**2 * weight[g]))
+                scale = ((P[row, row, g] + gain[row, g]**2 / weight[g])
+                         * (P[s, s, g] + gain[s, g]**2 / weight[g]))
                 if (P[row, s, g] - past[row, s, g])**2 > 1e-28 * scale:
                     return False
     return True
 
 
 @njit(**JIT)
-def _states_abreast(y, entries, phi, h, gain, x, new, nu):
-    """Eqs. (4), (7) of one sample for GROUP nodes of n states x (n, GROUP)."""
+def _innovations_abreast(y, first, entries, apart, Phi, H, gain, x, nu):
+    """Eqs. (4), (7) of a stretch from sample `first` on, for GROUP nodes of n states
+    x (n, GROUP): innovations nu (., GROUP). A single gain serves all samples.
+    """
     n = len(x)
-    new[:] = 0.0
-    for row, column in entries:
+    new = np.empty((n, GROUP))
+    for i in range(len(y)):
+        at = first + i
+        phi, h = Phi[min(at, len(Phi) - 1)], H[min(at, len(H) - 1)]
+        own, k = nu[i], gain[min(i, len(gain) - 1)]
         for g in range(GROUP):
-            new[row, g] += phi[row, column, g] * x[column, g]
-    for g in range(GROUP):
-        nu[g] = y
+            own[g] = y[i]
+        if apart:
+            for s in range(n):
+                for g in range(GROUP):
+                    x[s, g] *= phi[s, s, g]
+                    own[g] -= h[s, g] * x[s, g]
+            for s in range(n):
+                for g in range(GROUP):
+                    x[s, g] += k[s, g] * own[g]
+            continue
+        new[:] = 0.0
+        for row, column in entries:
+            for g in range(GROUP):
+                new[row, g] += phi[row, column, g] * x[column, g]
+        for s in range(n):
+            for g in range(GROUP):
+                own[g] -= h[s, g] * new[s, g]
+        for s in range(n):
+            for g in range(GROUP):
+                x[s, g] = new[s, g] + k[s, g] * own[g]
     for s in range(n):
         for g in range(GROUP):
-            nu[g] -= h[s, g] * new[s, g]
-    for s in range(n):
-        for g in range(GROUP):
-            x[s, g] = new[s, g] + gain[s, g] * nu[g]
+            if abs(x[s, g]) < DUST:
+                x[s, g] = 0.0
 
 
 @njit(parallel=True, **JIT)
@@ -1022,135 +1071,47 @@ def _advance_abreast(y, observed, last_gap, first, entries, Phi, Q, H, r, x, P, 
     """
     columns, samples = y.shape
     n = x.shape[2]
+    apart = bool((entries[:, 0] == entries[:, 1]).all())
     timeless = Phi.shape[1] == Q.shape[1] == H.shape[1] == r.shape[1] == 1
     for group in prange(len(x)):
-        prior, Ph, new = np.empty((n, n, GROUP)), np.empty((n, GROUP)), np.empty(
-            (n, GROUP))
-        f, nu, product = np.empty(GROUP), np.empty(GROUP), np.ones(GROUP)
         gain, weight = np.empty((STRETCH, n, GROUP)), np.empty((STRETCH, GROUP))
-        mu = np.zeros((STRETCH, GROUP))
+        nu, mu = np.empty((STRETCH, GROUP)), np.empty((STRETCH, GROUP))
         own, total, past = P[group], sums[group], np.empty((n, n, GROUP))
         steady, flat = False, False
         for begin in range(0, samples, STRETCH):
             end = min(begin + STRETCH, samples)
             if not steady:
                 past[:] = own
-                for i in range(begin, end):
-                    at, o = first + i, observed[i]
-                    _covariance_abreast(
-                        entries, Phi[group, min(at, Phi.shape[1] - 1)],
-                        Q[group, min(at, Q.shape[1] - 1)],
-                        H[group, min(at, H.shape[1] - 1)],
-                        r[group, min(at, r.shape[1] - 1)], o, own, prior, Ph, f,
-                        weight[i - begin])
-                    for g in range(GROUP):
-                        product[g] *= o * f[g] + (1.0 - o)
-                    for s in range(n):
-                        for g in range(GROUP):
-                            gain[i - begin, s, g] = Ph[s, g] * weight[i - begin, g]
-                    if i % 8 == 7 or i == samples - 1:
-                        for g in range(GROUP):
-                            total[columns - 1, 1, g] += np.log(product[g])
-                            product[g] = 1.0
+                total[columns - 1, 1] += _gains_abreast(
+                    observed[begin:end], first + begin, entries, apart, Phi[group],
+                    Q[group], H[group], r[group], own, gain, weight)
             for record in range(columns - 1, -1, -1):    # the ones first: they give mu
-                if flat and record == columns - 1:
+                ones = record == columns - 1
+                if ones and flat:
                     continue
-                for i in range(begin, end):
-                    at, k = first + i, 0 if steady else i - begin
-                    _states_abreast(
-                        y[record, i], entries, Phi[group, min(at, Phi.shape[1] - 1)],
-                        H[group, min(at, H.shape[1] - 1)], gain[k], x[group, record],
-                        new, nu)
-                    if record == columns - 1:
-                        for g in range(GROUP):
-                            mu[i - begin, g] = nu[g]
-                            total[record, 0, g] += weight[k, g] * nu[g] * nu[g]
-                    else:
-                        for g in range(GROUP):
-                            total[record, 0, g] += weight[k, g] * nu[g] * nu[g]
-                            total[record, 1, g] += weight[k, g] * nu[g] * mu[
-                                i - begin, g]
-            if timeless and begin > last_gap and end - begin == STRETCH:
-                if not steady and _is_steady(past, own, Ph, weight[STRETCH - 1]):
-                    steady = True
-                    gain[0], weight[0] = gain[STRETCH - 1], weight[STRETCH - 1]
+                _innovations_abreast(
+                    y[record, begin:end], first + begin, entries, apart, Phi[group],
+                    H[group], gain[:1] if steady else gain, x[group, record], nu)
+                for i in range(end - begin):
+                    w = weight[0 if steady else i]
                     for g in range(GROUP):
-                        total[columns - 1, 1, g] += (samples - end) * np.log(f[g])
-                elif steady and not flat:
-                    flat = np.abs(mu[0] - mu[STRETCH - 1]).max() < 1e-15
-                    if flat:
-                        for i in range(STRETCH):
-                            mu[i] = mu[STRETCH - 1]
-                        for g in range(GROUP):
-                            total[columns - 1, 0, g] += (
-                                (samples - end) * weight[0, g] * mu[0, g]**2)
-
-
-@njit(parallel=True, **JIT)
-def _advance_modal(y, observed, first, a, q, r, P, x, sums):
-    """Move a bank of sums of n independent one-state processes on, nodes abreast.
-
-    y (C + 1, n_samples) whose last row is ones; a, q (groups, n, GROUP),
-    r (groups, 1 or N, GROUP); filtered covariance P (groups, n, n, GROUP) and state
-    x (groups, C + 1, n, GROUP); sums (groups, C + 1, 2, GROUP) as in
-    `_advance_abreast`.
-    """
-    columns, samples = y.shape
-    n = a.shape[1]
-    for group in prange(len(a)):
-        Ph, f, weight = np.empty((n, GROUP)), np.empty(GROUP), np.empty(GROUP)
-        nu, mu = np.empty(GROUP), np.empty(GROUP)
-        product = np.ones(GROUP)
-        for i in range(samples):
-            o, noise = observed[i], r[group, min(first + i, r.shape[1] - 1)]
-            for g in range(GROUP):
-                f[g] = noise[g]
-            for row in range(n):
-                for g in range(GROUP):
-                    Ph[row, g] = 0.0
-                for s in range(n):
-                    for g in range(GROUP):
-                        P[group, row, s, g] *= a[group, row, g] * a[group, s, g]
-                        Ph[row, g] += P[group, row, s, g]
-                for g in range(GROUP):
-                    P[group, row, row, g] += q[group, row, g]
-                    Ph[row, g] += q[group, row, g]
-                    f[g] += Ph[row, g]
-            for g in range(GROUP):
-                weight[g] = o / f[g]
-                product[g] *= o * f[g] + (1.0 - o)
-            for row in range(n):
-                for s in range(n):
-                    for g in range(GROUP):
-                        P[group, row, s, g] -= Ph[row, g] * Ph[s, g] * weight[g]
-            for record in range(columns - 1, -1, -1):    # the ones first: they give mu
-                for g in range(GROUP):
-                    nu[g] = y[record, i]
-                for s in range(n):
-                    for g in range(GROUP):
-                        x[group, record, s, g] *= a[group, s, g]
-                        nu[g] -= x[group, record, s, g]
-                for s in range(n):
-                    for g in range(GROUP):
-                        x[group, record, s, g] += Ph[s, g] * weight[g] * nu[g]
-                if record == columns - 1:
-                    for g in range(GROUP):
-                        mu[g] = nu[g]
-                        sums[group, record, 0, g] += weight[g] * mu[g] * mu[g]
-                else:
-                    for g in range(GROUP):
-                        sums[group, record, 0, g] += weight[g] * nu[g] * nu[g]
-                        sums[group, record, 1, g] += weight[g] * nu[g] * mu[g]
-            if i % 8 == 7 or i == samples - 1:
-                for g in range(GROUP):
-                    sums[group, columns - 1, 1, g] += np.log(product[g])
-                    product[g] = 1.0
-            if i % TILE == TILE - 1:
-                for record in range(columns):
-                    for s in range(n):
-                        for g in range(GROUP):
-                            if abs(x[group, record, s, g]) < DUST:
-                                x[group, record, s, g] = 0.0
+                        total[record, 0, g] += w[g] * nu[i, g] * nu[i, g]
+                        if ones:
+                            mu[i, g] = nu[i, g]
+                        else:
+                            total[record, 1, g] += w[g] * nu[i, g] * mu[i, g]
+            if not timeless or begin <= last_gap or end - begin < STRETCH:
+                continue
+            if not steady and _is_steady(past, own, gain[STRETCH - 1],
+                                         weight[STRETCH - 1]):
+                steady = True
+                gain[0], weight[0] = gain[STRETCH - 1], weight[STRETCH - 1]
+                total[columns - 1, 1] -= (samples - end) * np.log(weight[0])
+            elif steady and not flat:
+                flat = np.abs(mu[0] - mu[STRETCH - 1]).max() < 1e-15
+                if flat:
+                    mu[:] = mu[STRETCH - 1].copy()
+                    total[columns - 1, 0] += (samples - end) * weight[0] * mu[0]**2
 
 
 class Bank(NamedTuple):
@@ -1251,8 +1212,7 @@ def _sums(b, y, observed, stops, few):
         (begin, end, np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1))
         for begin, end in zip([0, *stops[:-1]], stops)]
     run = (_sums_record if _is_scalar(b) and len(y) == 1
-           else _sums_trials if _is_scalar(b) and not few
-           else _sums_modal if modes(b) else _sums_abreast)
+           else _sums_trials if _is_scalar(b) and not few else _sums_abreast)
     parts, done = run(b, y, observed, stretches), 0
     for end in stops:
         with _no_more_threads_than(-(-len(b.r) // GROUP) * len(y) * (end - done)):
@@ -1302,28 +1262,11 @@ def _start_abreast(b, records):
 
 
 def _sums_abreast(b, y, observed, stretches):
-    start = _start_abreast(b, len(y))
-    yield from _told(len(b.m0), y, start[-1], (
-        lambda y, begin, end, last_gap: _advance_abreast(
-            y, observed[begin:end], last_gap, begin, *start)), stretches)
-
-
-def _sums_modal(b, y, observed, stretches):
-    own = modes(b)
-    a, q, r, P = map(_abreast, (own.a, own.q, own.r, b.P0))
-    x = np.zeros((len(a), len(y) + 1, a.shape[1], GROUP))
-    sums = np.zeros((len(a), len(y) + 1, 2, GROUP))
-    yield from _told(len(own.a), y, sums, (
-        lambda y, begin, end, last_gap: _advance_modal(
-            y, observed[begin:end], begin, a, q, r, P, x, sums)), stretches)
-
-
-def _told(nodes, y, sums, advance, stretches):
-    """Parts of `Sums` after every stretch of records with a row of ones."""
-    y = np.vstack([y, np.ones(y.shape[1])])
+    start, y = _start_abreast(b, len(y)), np.vstack([y, np.ones(y.shape[1])])
     for begin, end, last_gap in stretches:
-        advance(np.ascontiguousarray(y[:, begin:end]), begin, end, last_gap)
-        own = _one_by_one(sums, nodes)
+        _advance_abreast(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
+                         last_gap, begin, *start)
+        own = _one_by_one(start[-1], len(b.m0))
         yield own[:, :-1, 0].T, own[:, :-1, 1].T, own[:, -1, 0], own[:, -1, 1]
 
 
