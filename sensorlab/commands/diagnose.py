@@ -4,8 +4,8 @@ import pathlib
 
 from sensorid import default_hypotheses
 from sensorlab.commands.many import (
-    answers, check_folder, conclude, write_answers, write_models, write_pages,
-    write_picture, write_table)
+    answers, check_folder, conclude, refuse_workers, write_answers, write_models,
+    write_pages, write_picture, write_table)
 from sensorlab.commands.progress import progress_line, say_beforehand
 from sensorlab.commands.shared import (
     RECORDED, as_quoted, check_outputs, read_each, refuse_unused,
@@ -39,6 +39,7 @@ def run(options):
     beside = None if options.covariates is None else [
         part for part in options.covariates.split(",") if part]
     records = read_each(options, model, beside)
+    refuse_workers(options, records)
     _say_axes(records)
     if len(records) == 1 and options.checkpoint is None:
         return _one(options, model, *records, folder)

@@ -8,7 +8,8 @@ from sensorid import (
     MODELS, SUMMARY, allan_misfit, decided, default_hypotheses, identify, summary_rows)
 from sensorlab.commands import compose
 from sensorlab.commands.many import (
-    answers, conclude, write_answers, write_models, write_picture, write_table)
+    answers, conclude, refuse_workers, write_answers, write_models, write_picture,
+    write_table)
 from sensorlab.commands.shared import (
     as_quoted, check_outputs, progress_bar, read_each, refuse_effects, report_units,
     write_json, write_text)
@@ -32,6 +33,7 @@ def run(options):
                   options.csv, plot=options.plot)
     plt = matplotlib_for_files() if options.plot else None
     records = read_each(options, model)
+    refuse_workers(options, records)
     names = ("white_noise,random_walk,markov" if options.hypotheses is None
              else options.hypotheses)
     names = tuple(MODELS) if names == "all" else tuple(names.split(","))

@@ -6,7 +6,7 @@ import re
 
 from sensorlab.commands.cache import forgive
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, write_json, write_text)
+    check_outputs, progress_bar, refuse_unused, write_json, write_text)
 from sensorlab.drawings import save
 from sensorlab.several import many
 from sensorlab.several.index import index
@@ -26,6 +26,13 @@ def answers(options, calls, usual=None):
     number = min(options.workers or usual or cores(), len(calls))
     with workers(number, functools.partial(forgive, silent=True)) as executor:
         return many(calls, executor, options.checkpoint, progress_bar)
+
+
+def refuse_workers(options, records):
+    """Refuse --workers where there is nothing to share."""
+    if len(records) == 1:
+        refuse_unused(options, "workers",
+                      why="does nothing beside one record: it shares several")
 
 
 def check_folder(folder):
