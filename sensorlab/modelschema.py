@@ -1,5 +1,5 @@
-"""What a model file may hold, as a JSON Schema, and what is wrong with one that does
-not, in a sentence.
+"""What a model file or a data sheet may hold, as a JSON Schema, and what is wrong with
+a model file that does not, in a sentence.
 """
 
 import difflib
@@ -11,6 +11,7 @@ import textwrap
 import numpy as np
 
 from sensorid import MODELS
+from sensorlab.foreign import datasheet
 from sensorlab.foreign.parts import FOREIGN
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Scene, psi_of
@@ -26,6 +27,7 @@ CONTROL, END_OF_TEXT = r"\x00-\x1f\x7f-\x9f", r"(?![\s\S])"    # $ lets a newlin
 PRINTABLE = dict(type="string", pattern=f"^[^{CONTROL}]*{END_OF_TEXT}")
 COLUMN = dict(type=["string", "null"], pattern=f"^[^=,{CONTROL}]*{END_OF_TEXT}")
 PRIOR = dict(enum=["uniform", "log"])
+INTERVAL = dict(type="number", **POSITIVE)
 END = dict(type=["number", "null"])
 
 # what readings take
@@ -41,7 +43,15 @@ READINGS = dict(
 
 
 def schema():
-    """The JSON Schema (draft 2020-12) of a model file."""
+    """The JSON Schema (draft 2020-12) of a model file and of a data sheet."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": "Model file or data sheet of sensorid",
+            "if": {"required": ["datasheet"], "not": {"required": ["hypotheses"]}},
+            "then": data_sheet(), "else": model_file()}
+
+
+def model_file():
+    """The schema of a model file."""
     models = {name: _of_model(model) for name, model in {**MODELS, **FOREIGN}.items()}
     effects = {name: _of_effect(effect) for name, effect in CATALOGUE.items()
                if not effect.factor}
@@ -51,12 +61,20 @@ def schema():
         effects=dict(type=["array", "null"], items=_named(
             effects, column=COLUMN, variant=dict(type=["string", "null"]))))
     hypothesis["required"] = ["name"]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema",
-            "title": "Model file of sensorid", **_object(
-                ["dt", "hypotheses"], {"$schema": dict(type="string")},
-                dt=dict(type="number", **POSITIVE), unit=PRINTABLE, prior=PRIOR,
-                bias_sigma=dict(type="number", **NOT_NEGATIVE), posterior_of=PRINTABLE,
-                hypotheses=dict(type="array", items=hypothesis, minItems=1))}
+    return _object(
+        ["dt", "hypotheses"], {"$schema": dict(type="string")}, dt=INTERVAL,
+        unit=PRINTABLE, prior=PRIOR, bias_sigma=dict(type="number", **NOT_NEGATIVE),
+        posterior_of=PRINTABLE,
+        hypotheses=dict(type="array", items=hypothesis, minItems=1))
+
+
+def data_sheet():
+    """The schema of a data sheet: its keys, each a number with a unit, as a text."""
+    said = {key: dict(type="string", minLength=1) for key in datasheet.KEYS}
+    white = [dict(required=[key]) for key in datasheet.WHITE]
+    return _object(
+        ["datasheet", "unit"], {"$schema": dict(type="string")}, dt=INTERVAL,
+        unit=PRINTABLE, datasheet=dict(_object([], said), anyOf=white))
 
 
 def _object(required, named=(), **properties):

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from sensorid import MIN_SAMPLES
 from sensorlab import CATALOGUE, Scene, Recording, read
 from sensorlab.modelfiles import Model, model_text, read_model
-from sensorlab.modelschema import problem, schema
+from sensorlab.modelschema import model_file, problem
 
 pytestmark = pytest.mark.filterwarnings("error")
 fuzzed = settings(
@@ -183,7 +183,7 @@ PRIOR = NUMBER | st.lists(NUMBER, min_size=2, max_size=2).map(sorted) | st.build
 def models(draw):
     """Model files that are sound, as far as their schema says."""
     hypotheses = []
-    for rest in schema()["properties"]["hypotheses"]["items"]["allOf"]:
+    for rest in model_file()["properties"]["hypotheses"]["items"]["allOf"]:
         if not draw(st.booleans()):
             continue
         name = rest["if"]["properties"]["name"]["const"]

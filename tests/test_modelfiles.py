@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+import re
 
 import numpy as np
 import pytest
@@ -143,6 +144,47 @@ def test_an_effect_that_starts_after_the_end_is_refused(tmp_path, late):
     check_onsets(simulator, Scene(np.zeros(101), 0.5, {}))
     with pytest.raises(ValueError, match="starts at 50 s, but the record ends at 50 s"):
         check_onsets(simulator, Scene(np.zeros(100), 0.5, {}))
+
+
+SHEET = dict(datasheet=dict(noise_density="0.05 deg/s/sqrt(Hz)"), unit="deg/s", dt=0.01)
+
+
+def read_and_validated(tmp_path, tree):
+    """Is a file read, and is it one by the schema?"""
+    (tmp_path / "d.json").write_text(json.dumps(tree))
+    try:
+        read = bool(read_model(tmp_path / "d.json"))
+    except ValueError:
+        read = False
+    return read, Draft202012Validator(schema()).is_valid(tree)
+
+
+def sheet(**said):
+    return dict(SHEET, datasheet=said)
+
+
+def test_the_schema_knows_what_a_data_sheet_may_hold(tmp_path):
+    docs = (pathlib.Path(s.__file__).parent / "docs" / "exports.md").read_text()
+    (printed,) = re.findall(r'```\n({"datasheet".*?)```', docs, re.S)
+    for tree in (
+            SHEET, json.loads(printed), {"$schema": "model.schema.json", **SHEET},
+            sheet(random_walk="0.3 deg/sqrt(h)", rate="100 Hz"),
+            sheet(noise_density="1 deg/h/sqrt(Hz)", random_walk="1 deg/h/sqrt(h)"),
+            dict(unit="m/s^2", datasheet=dict(
+                noise_density="9 ug/sqrt(Hz)", bias_instability="9 ug", duration="2 h",
+                bias="3 mg", sampling_interval="4 ms"))):
+        assert read_and_validated(tmp_path, tree) == (True, True), tree
+
+
+@pytest.mark.parametrize("tree", [
+    dict(SHEET, datasheet=3), dict(SHEET, datasheet=None), sheet(),
+    {key: value for key, value in SHEET.items() if key != "unit"},
+    dict(SHEET, unit=None), dict(SHEET, unit="deg/s\x1b"), dict(SHEET, dt=0),
+    dict(SHEET, dt="0.01"), dict(SHEET, bias_sigma=1.0), dict(SHEET, **MODEL),
+    sheet(bandwidth="330 Hz"), sheet(noise_density=0.05), sheet(noise_density=""),
+    sheet(colour="red", **SHEET["datasheet"])])
+def test_the_schema_knows_what_a_data_sheet_may_not_hold(tmp_path, tree):
+    assert read_and_validated(tmp_path, tree) == (False, False)
 
 
 def test_the_schema_that_ships_is_the_one_that_is_used():

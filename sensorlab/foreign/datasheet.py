@@ -28,6 +28,7 @@ from sensorlab.units import (
 KEYS = ("noise_density", "random_walk", "rate_random_walk", "bias_instability",
         "bandwidth", "resolution", "range", "bias", "rate", "sampling_interval",
         "duration")
+WHITE = "noise_density", "random_walk"    # that may say the white noise: one must
 
 
 def model(raw, dt=None):
@@ -37,7 +38,7 @@ def model(raw, dt=None):
         raise ValueError("datasheet must be an object of texts such as "
                          "\"noise_density\": \"0.05 deg/s/sqrt(Hz)\"")
     strange = [key for key in sheet if key not in KEYS]
-    strange += [key for key in raw if key not in ("datasheet", "unit", "dt")]
+    strange += [key for key in raw if key not in ("datasheet", "unit", "dt", "$schema")]
     if strange:
         raise ValueError(f"a data sheet has no key {strange[0]}; it has "
                          f"{', '.join(KEYS)}, and beside it unit and dt")
