@@ -195,10 +195,6 @@ def in_unit(record, options, model=None):
         if given:
             times *= factor(given, model.unit)
         unit = model.unit
-    if options.unit or options.report:
-        if unit == "u":
-            raise ValueError("--report needs the unit of the record: "
-                             "give it with --unit")
     record = record._replace(error=times * record.error, unit=unit)
     if options.unit or options.report:
         if unit == "u":
