@@ -3,13 +3,13 @@
 import csv
 import io
 import itertools
-import os
 
 import numpy as np
 
 from sensorid import check_targets, check_trials, criteria, record_length
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, refuse_effects, targets, write_json, write_text)
+    check_folder, check_outputs, progress_bar, refuse_effects, targets, write_json,
+    write_text)
 from sensorlab.drawings import draw_criteria, draw_design, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
 from sensorlab.planning import at_condition
@@ -21,10 +21,8 @@ def run(options):
     model = read_model(options.model)
     refuse_effects(options.model, model)
     check_outputs([options.model], options.json, options.csv, plot=options.plot)
-    if options.checkpoint is not None and not os.path.isdir(options.checkpoint):
-        check_outputs([], options.checkpoint)
-        if os.path.exists(options.checkpoint):
-            raise ValueError(f"{options.checkpoint} is a file: a folder is needed")
+    if options.checkpoint is not None:
+        check_folder(options.checkpoint)
     if options.target is not None or options.target_rsd:
         return _targets_command(options, model)
     for name in ("design", "csv"):

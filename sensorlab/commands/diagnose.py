@@ -4,11 +4,11 @@ import pathlib
 
 from sensorid import default_hypotheses
 from sensorlab.commands.many import (
-    answers, check_folder, conclude, refuse_workers, write_answers, write_models,
-    write_pages, write_picture, write_table)
+    answers, conclude, refuse_workers, write_answers, write_models, write_pages,
+    write_picture, write_table)
 from sensorlab.commands.progress import progress_line, say_beforehand
 from sensorlab.commands.shared import (
-    RECORDED, as_quoted, check_outputs, read_each, refuse_unused,
+    RECORDED, as_quoted, check_folder, check_outputs, read_each, refuse_unused,
     simulated_records, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.blackbox import simulator_from

@@ -1,12 +1,11 @@
 """What identify and diagnose do for several records."""
 
 import functools
-import pathlib
 import re
 
 from sensorlab.commands.cache import forgive
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, refuse_unused, write_json, write_text)
+    check_folder, progress_bar, refuse_unused, write_json, write_text)
 from sensorlab.drawings import save
 from sensorlab.several import many
 from sensorlab.several.index import index
@@ -33,15 +32,6 @@ def refuse_workers(options, records):
     if len(records) == 1:
         refuse_unused(options, "workers",
                       why="does nothing beside one record: it shares several")
-
-
-def check_folder(folder):
-    """Refuse a folder that cannot be written to."""
-    folder = pathlib.Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder} is a file: a folder is needed")
-    if not folder.is_dir():
-        check_outputs([], folder)
 
 
 def write_table(file, several):

@@ -268,6 +268,15 @@ def check_outputs(inputs, *outputs, plot=None):
                              "no such folder, or no right to")
 
 
+def check_folder(folder):
+    """Refuse a folder that cannot be written to."""
+    folder = pathlib.Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file: a folder is needed")
+    if not folder.is_dir():
+        check_outputs([], folder)
+
+
 def refuse_link(file):
     """Refuse to write through a link to a file, or to one that may be; devices such as
     /dev/stdout are linked.
