@@ -8,8 +8,8 @@ import numpy as np
 
 from sensorid import check_targets, check_trials, criteria, record_length
 from sensorlab.commands.shared import (
-    check_folder, check_outputs, progress_bar, refuse_effects, targets, write_json,
-    write_text)
+    check_folder, check_outputs, progress_bar, refuse_effects, refuse_unused, targets,
+    write_json, write_text)
 from sensorlab.drawings import draw_criteria, draw_design, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
 from sensorlab.planning import at_condition
@@ -25,9 +25,7 @@ def run(options):
         check_folder(options.checkpoint)
     if options.target is not None or options.target_rsd:
         return _targets_command(options, model)
-    for name in ("design", "csv"):
-        if getattr(options, name):
-            raise ValueError(f"--{name} goes with --target or --target-rsd")
+    refuse_unused(options, "design", "csv", why="goes with --target or --target-rsd")
     plt = matplotlib_for_files() if options.plot else None
     result = criteria(model.simulator.hypotheses, model.dt, options.duration,
                       500 if options.trials is None else options.trials, options.seed,
@@ -94,10 +92,10 @@ def _targets_command(options, model):
     design = targets("--design", options.design)
     if set(design) - {"dt", "sigma_v"}:
         raise ValueError(f"--design {', '.join(design)}: dt and sigma_v can be varied")
-    if options.algorithms:
-        raise ValueError("--algorithms goes with criteria, not with a target")
-    if options.plot and not design:
-        raise ValueError("--plot goes with --design: a single answer is no picture")
+    refuse_unused(options, "algorithms", why="goes with criteria, not with a target")
+    if not design:
+        refuse_unused(options, "plot",
+                      why="goes with --design: a single answer is no picture")
     given = model.simulator.hypotheses
     conditions = [(sigma_v, *at_condition(given, model.dt, dt, sigma_v))
                   for dt, sigma_v in itertools.product(design.get("dt", [None]),

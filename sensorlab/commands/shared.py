@@ -140,7 +140,7 @@ def refuse_unused(options, *names, why):
     """Refuse options that would do nothing in this command."""
     for name in names:
         value = getattr(options, name)
-        if value not in (None, False) and value != UNSET.get(name):
+        if value not in (None, False, []) and value != UNSET.get(name):
             said = dict(start="from", end="to").get(name, name.replace("_", "-"))
             raise ValueError(f"--{said} {why}")
 
