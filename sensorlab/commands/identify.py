@@ -5,14 +5,14 @@ import pathlib
 import numpy as np
 
 from sensorid import (
-    MODELS, SUMMARY, allan_misfit, decided, default_hypotheses, identify, summary_rows)
+    SUMMARY, allan_misfit, decided, default_hypotheses, identify, summary_rows)
 from sensorlab.commands import compose
 from sensorlab.commands.many import (
     answers, conclude, refuse_workers, write_answers, write_models, write_picture,
     write_table)
 from sensorlab.commands.shared import (
-    as_quoted, check_outputs, progress_bar, read_each, refuse_effects, report_units,
-    write_json, write_text)
+    as_quoted, check_outputs, hypothesis_names, progress_bar, read_each, refuse_effects,
+    report_units, write_json, write_text)
 from sensorlab.drawings import draw_identify, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
 from sensorlab.several.work import (
@@ -26,17 +26,12 @@ def run(options):
         return compose.run(options)
     model = read_model(options.model, options.dt) if options.model else None
     refuse_effects(options.model, model)
-    if model and options.hypotheses is not None:
-        raise ValueError("--hypotheses names defaults and --model brings its own: "
-                         "give one of them")
+    names = hypothesis_names(options)
     check_outputs([*options.records, options.model], options.json, options.save_model,
                   options.csv, plot=options.plot)
     plt = matplotlib_for_files() if options.plot else None
     records = read_each(options, model)
     refuse_workers(options, records)
-    names = ("white_noise,random_walk,markov" if options.hypotheses is None
-             else options.hypotheses)
-    names = tuple(MODELS) if names == "all" else tuple(names.split(","))
     if len(records) == 1 and options.csv is None and options.checkpoint is None:
         return _one(options, model, *records, names, plt)
     hypotheses = model.simulator.hypotheses if model else names

@@ -87,11 +87,7 @@ def parser():
                "of the record.")
     one.add_argument("records", nargs="+", metavar="record", type=_file,
                      help=RECORD + "; several, or a folder, give one table")
-    one.add_argument("--model", type=_file, metavar="M.json",
-                     help="hypotheses and priors")
-    one.add_argument("--hypotheses", type=_text, metavar="NAMES",
-                     help="without --model: names, comma-separated, "
-                          "or all (default white_noise,random_walk,markov)")
+    _hypotheses_options(one)
     one.add_argument("--compose", action="store_true",
                      help="describe the record as a sum: a hypothesis and whatever of "
                           "quantization, bandwidth, flicker, lines ... it needs")
@@ -196,11 +192,7 @@ def parser():
                           "as tau_m=0.2; may be repeated")
     six.add_argument("--duration", type=float, metavar="S",
                      help="longest record in question, s (default 16 times this one)")
-    six.add_argument("--model", type=_file, metavar="M.json",
-                     help="hypotheses and priors")
-    six.add_argument("--hypotheses", type=_text, metavar="NAMES",
-                     help="without --model: names, comma-separated, "
-                          "or all (default white_noise,random_walk,markov)")
+    _hypotheses_options(six)
     six.add_argument("--trials", type=_count, default=100, metavar="L",
                      help="sensors drawn for each hypothesis (default 100)")
     six.add_argument("--seed", type=_seed, default=0,
@@ -311,6 +303,14 @@ def _text(text, what="it"):
 def _file(text):
     """The name of a file."""
     return _text(text, "the name")
+
+
+def _hypotheses_options(parser):
+    parser.add_argument("--model", type=_file, metavar="M.json",
+                        help="hypotheses and priors")
+    parser.add_argument("--hypotheses", type=_text, metavar="NAMES",
+                        help="without --model: names, comma-separated, "
+                             "or all (default white_noise,random_walk,markov)")
 
 
 def _unit_options(parser):

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from sensorid import MODELS, default_hypotheses
+from sensorid import default_hypotheses
 from sensorlab.commands.shared import (
-    check_outputs, progress_bar, read_each, refuse_effects, targets, write_json)
+    check_outputs, hypothesis_names, progress_bar, read_each, refuse_effects, targets,
+    write_json)
 from sensorlab.drawings import matplotlib_for_files, save
 from sensorlab.drawings.style import AFTER, BEFORE, INK, styled
 from sensorlab.modelfiles import read_model
@@ -20,9 +21,7 @@ def run(options):
         "--target-rsd", options.target_rsd, most=1).items()}
     model = read_model(options.model, options.dt) if options.model else None
     refuse_effects(options.model, model)
-    if model and options.hypotheses is not None:
-        raise ValueError("--hypotheses names defaults and --model brings its own: "
-                         "give one of them")
+    names = hypothesis_names(options)
     check_outputs([*options.records, options.model], options.json, plot=options.plot)
     plt = matplotlib_for_files() if options.plot else None
     records = read_each(options, model)
@@ -31,7 +30,8 @@ def run(options):
     (record,) = records
     now = record.dt * len(record.error)
     duration = AHEAD * now if options.duration is None else options.duration
-    hypotheses = _hypotheses(options, model, record, duration / now)
+    hypotheses = model.simulator.hypotheses if model else for_longer(
+        default_hypotheses(record.error, record.dt, names), max(duration / now, 1.0))
     chosen = _chosen(hypotheses, wanted)
     outlooks = outlook(record.error, record.dt, hypotheses, duration, options.trials,
                        options.seed, progress_bar)
@@ -47,16 +47,6 @@ def run(options):
     if plt:
         save(draw_outlook(outlooks, lengths), options.plot)
     _show(record, duration, outlooks, lengths, options)
-
-
-def _hypotheses(options, model, record, ratio):
-    """Those in question, with priors for records so many times as long."""
-    if model:
-        return model.simulator.hypotheses
-    names = (options.hypotheses or "white_noise,random_walk,markov").split(",")
-    names = MODELS if names == ["all"] else names
-    return for_longer(default_hypotheses(record.error, record.dt, names),
-                      max(ratio, 1.0))
 
 
 def _chosen(hypotheses, wanted):

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from sensorid import write_whole
+from sensorid import MODELS, write_whole
 from sensorlab.commands.cache import forgive
 from sensorlab.commands.progress import announce_compilation, looked_at
 from sensorlab.gap.costs import available
@@ -227,6 +227,15 @@ def refuse_effects(file, model):
     if model and model.simulator.effects:
         raise ValueError(f"{file} has effects: only simulate and diagnose know them, "
                          "take them out for anything else")
+
+
+def hypothesis_names(options):
+    """Names of default hypotheses, of those commands that take a model instead."""
+    if options.model:
+        refuse_unused(options, "hypotheses", why="names defaults and --model brings "
+                                                 "its own: give one of them")
+    names = options.hypotheses or "white_noise,random_walk,markov"
+    return tuple(MODELS) if names == "all" else tuple(names.split(","))
 
 
 def targets(option, texts, most=1000):
