@@ -2,7 +2,7 @@
 
 from urllib.parse import quote
 
-from sensorlab.pages import embedded, made, template
+from sensorlab.pages import embedded, made, sentence, template
 from sensorlab.several.picture import draw_several
 from sensorlab.several.tables import diagnosed_cells, headings, names, shared
 
@@ -44,15 +44,11 @@ def _headline(rows):
     verdicts = [row.answer["verdict"] for row in rows if not row.problem]
     none, open_ = verdicts.count("none"), verdicts.count("undecided")
     parts = [f"the simulator describes {none} of {len(rows)} records"]
-    if len(verdicts) > none + open_:
-        parts.append(f"{_count(len(verdicts) - none - open_, 'differ')} from it")
+    others = len(verdicts) - none - open_
+    if others:
+        parts.append(f"{others} differ{'s' * (others == 1)} from it")
     if open_:
         parts.append(f"{open_} cannot decide")
     if len(rows) > len(verdicts):
         parts.append(f"{len(rows) - len(verdicts)} gave no answer")
-    text = ", ".join(parts)
-    return text[0].upper() + text[1:] + "."
-
-
-def _count(number, verb):
-    return f"{number} {verb}{'s' * (number == 1)}"
+    return sentence(", ".join(parts))
