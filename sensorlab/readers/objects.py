@@ -2,13 +2,17 @@
 xarray, dictionaries of arrays. They are known by what they have, not imported.
 """
 
+import pathlib
+
 import numpy as np
 
 from sensorlab.readers.channels import Group
 
 
 def name_of(source):
-    """What an object is called where a file would have its name."""
+    """Name of a file, or what an object is called in its place."""
+    if isinstance(source, (str, pathlib.Path)):
+        return str(source)
     return type(source).__name__
 
 

@@ -85,8 +85,7 @@ def opened(records, beside):
         try:
             yield read(one, beside=beside)
         except (ValueError, OSError) as problem:
-            yield unread(one if isinstance(one, (str, pathlib.Path)) else name_of(one),
-                         "error", problem)
+            yield unread(name_of(one), "error", problem)
 
 
 def many(calls, executor=None, checkpoint=None, progress=None):
