@@ -1,8 +1,9 @@
 """A diagnosis as one page of HTML that needs nothing beside it: no network, no files.
 
-    report.html     what the page says, in order (Jinja)
+    page.html       what every page begins and ends with (Jinja)
+    report.html     what that of a diagnosis says, in order
     several.html    the page above those of several records
-    style.css       how both look, on a screen, a telephone and paper
+    style.css       how they look, on a screen, a telephone and paper
 """
 
 import base64
@@ -81,12 +82,13 @@ def page(d, record, unit=None, origin=Provenance(), view=None):
         causes=_causes(d, unit),
         sentences=[*words.closing(d), *words.left(d)], steps=_steps(d),
         duration=d.scene.duration, missing=int(np.isnan(d.scene.y).sum()),
-        **made())
+        **made(origin.command))
 
 
-def made():
-    """With what and when a page is made."""
-    return dict(versions=[("sensorid", sensorid.__version__),
+def made(command=""):
+    """By which command, with what and when a page is made."""
+    return dict(command=command,
+                versions=[("sensorid", sensorid.__version__),
                           ("Python", platform.python_version()),
                           *((name, version(name)) for name in LIBRARIES)],
                 date=datetime.datetime.now(datetime.timezone.utc))

@@ -35,8 +35,8 @@ def index(several, addresses, command=""):
         shown.append(line)
     return template("several.html").render(
         rows=shown, headline=_headline(rows), heard=list(headings(rows, called)),
-        common=[shared(c, rows, called) for c in several.common], command=command,
-        picture=embedded(draw_several(rows)) if answered else "", **made())
+        common=[shared(c, rows, called) for c in several.common],
+        picture=embedded(draw_several(rows)) if answered else "", **made(command))
 
 
 def _headline(rows):
