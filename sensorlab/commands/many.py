@@ -58,13 +58,10 @@ def _plain_names(several):
 
 
 def write_models(stem, several):
-    """The model of every record, in a file of its own: STEM.NAME.json; their names."""
-    written = []
+    """The model of every record, in a file of its own: STEM.NAME.json."""
     for name, row in zip(_plain_names(several), several.rows):
         if not row.problem:
-            written.append(f"{stem}.{name}.json")
-            write_text(written[-1], row.model)
-    return written
+            write_text(f"{stem}.{name}.json", row.model)
 
 
 def write_pages(folder, several, command):
