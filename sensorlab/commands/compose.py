@@ -1,7 +1,5 @@
 """python -m sensorid identify --compose"""
 
-import pathlib
-
 from sensorid import default_hypotheses
 from sensorlab.commands.progress import progress_line
 from sensorlab.commands.shared import (
@@ -12,7 +10,7 @@ from sensorlab.gap.diagnosis import augmented, diagnose
 from sensorlab.gap.effects import Simulator
 from sensorlab.gap.report import report
 from sensorlab.gap.words import described
-from sensorlab.modelfiles import Model, model_text
+from sensorlab.several.work import model_of
 from sensorlab.tables import show
 
 
@@ -40,8 +38,7 @@ def run(options):
             "hypothesis": dict(name=h.name, parameters={
                 p.symbol: dict(mean=p.mean, sd=p.sd) for p in h.parameters})})
     if options.save_model:
-        write_text(options.save_model, model_text(Model(
-            record.dt, unit, simulator, pathlib.Path(record.file).name)))
+        write_text(options.save_model, model_of(record, simulator))
     if plt:
         save(draw_diagnosis(d, view(d), record, unit), options.plot)
     show(record.heading, *described(d, h, unit))

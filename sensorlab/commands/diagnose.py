@@ -19,10 +19,10 @@ from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
 from sensorlab.gap.effects import Scene, Simulator, describe
 from sensorlab.gap.report import report
 from sensorlab.gap.words import told
-from sensorlab.modelfiles import Model, check_onsets, model_text, read_model
+from sensorlab.modelfiles import check_onsets, read_model
 from sensorlab.pages import page, provenance
 from sensorlab.readers import Unread, unread
-from sensorlab.several.work import diagnosed
+from sensorlab.several.work import diagnosed, model_of
 from sensorlab.tables import show
 from sensorlab.units import quote_table
 
@@ -94,9 +94,7 @@ def _one(options, model, record, folder):
                        options)
     if folder:
         folder.mkdir(exist_ok=True)
-        write_text(folder / "model.json",
-                   model_text(Model(record.dt, unit, simulator,
-                                    pathlib.Path(record.file).name)))
+        write_text(folder / "model.json", model_of(record, simulator))
         write_json(folder / "report.json", report(d, record))
         seen = view(d)
         save(draw_diagnosis(d, seen, record, unit), folder / "report.png")

@@ -104,7 +104,12 @@ def posterior_model(record, posterior):
         Parameter(p.symbol, max(p.low, mean - 2 * sd), min(p.high, mean + 2 * sd),
                   p.log) if p.free else p
         for p, (_, mean, sd) in zip(h.parameters, estimated(posterior.best))))
-    return model_text(Model(record.dt, record.unit or "u", Simulator((narrow,)),
+    return model_of(record, Simulator((narrow,)))
+
+
+def model_of(record, simulator):
+    """Text of a model file of a simulator that comes from a record."""
+    return model_text(Model(record.dt, record.unit or "u", simulator,
                             pathlib.Path(record.file).name))
 
 
@@ -121,11 +126,10 @@ def diagnosed(record, simulator=None, simulated=None, seed=0, origin=None):
     if isinstance(simulator, Simulator):
         check_onsets(simulator, Scene(y, dt, {}))
     d = diagnose(y, dt, simulator, record.columns, seed=seed, simulated=simulated)
-    text = model_text(Model(dt, unit, augmented(d), pathlib.Path(record.file).name))
     html = "" if origin is None else page(
         d, record, unit, provenance(origin, above=INDEX))
-    return Row(record.file, record.column, unit, "", report(d, record), text,
-               _bands(d), _heard(record), html)
+    return Row(record.file, record.column, unit, "", report(d, record),
+               model_of(record, augmented(d)), _bands(d), _heard(record), html)
 
 
 @functools.lru_cache(6)    # several records are often compared with the same
