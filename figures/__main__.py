@@ -25,11 +25,13 @@ def main(argv=None):
                          help="a small version: 64 samples a case at 1 s instead of "
                               "500 at 0.1 s")
     options = parser.parse_args(argv)
-    from sensorlab.commands.shared import progress_bar    # an interrupt is told by now
+    from sensorlab.commands import cache, progress    # an interrupt is told by now
+    cache.forgive()
+    progress.announce_compilation()
     unknown = [name for name in options.which if name not in NAMES]
     if unknown:
         parser.error(f"no figure {', '.join(unknown)}: choose from {', '.join(NAMES)}")
-    figures.size.update(progress=progress_bar)
+    figures.size.update(progress=progress.progress_bar)
     if options.quick:
         figures.size.update(trials=64, dt=1.0)
     started = time.perf_counter()

@@ -7,9 +7,10 @@ import itertools
 import numpy as np
 
 from sensorid import check_targets, check_trials, criteria, record_length
+from sensorlab.commands.progress import progress_bar
 from sensorlab.commands.shared import (
-    check_folder, check_outputs, progress_bar, refuse_effects, refuse_unused, targets,
-    write_json, write_text)
+    check_folder, check_outputs, refuse_effects, refuse_unused, targets, write_json,
+    write_text)
 from sensorlab.drawings import draw_criteria, draw_design, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
 from sensorlab.planning import at_condition

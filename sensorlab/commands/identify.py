@@ -10,9 +10,10 @@ from sensorlab.commands import compose
 from sensorlab.commands.many import (
     answers, conclude, refuse_workers, write_answers, write_models, write_picture,
     write_table)
+from sensorlab.commands.progress import progress_bar
 from sensorlab.commands.shared import (
-    as_quoted, check_outputs, hypothesis_names, progress_bar, read_each, refuse_effects,
-    report_units, write_json, write_text)
+    as_quoted, check_outputs, hypothesis_names, read_each, refuse_effects, report_units,
+    write_json, write_text)
 from sensorlab.drawings import draw_identify, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
 from sensorlab.several.work import (

@@ -4,8 +4,9 @@ import functools
 import re
 
 from sensorlab.commands.cache import forgive
+from sensorlab.commands.progress import progress_bar
 from sensorlab.commands.shared import (
-    check_folder, progress_bar, refuse_unused, write_json, write_text)
+    check_folder, refuse_unused, write_json, write_text)
 from sensorlab.drawings import save
 from sensorlab.several import many
 from sensorlab.several.index import index

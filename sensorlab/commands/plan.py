@@ -3,9 +3,9 @@
 import numpy as np
 
 from sensorid import default_hypotheses
+from sensorlab.commands.progress import progress_bar
 from sensorlab.commands.shared import (
-    check_outputs, hypothesis_names, progress_bar, read_each, refuse_effects, targets,
-    write_json)
+    check_outputs, hypothesis_names, read_each, refuse_effects, targets, write_json)
 from sensorlab.drawings import matplotlib_for_files, save
 from sensorlab.drawings.style import AFTER, BEFORE, INK, styled
 from sensorlab.modelfiles import read_model

@@ -18,6 +18,14 @@ def looked_at():
     return bool(sys.stderr and sys.stderr.isatty())
 
 
+def progress_bar(done, total):
+    """So many of all are done: a bar."""
+    if looked_at():
+        filled = 30 * done // total
+        print(f"\r[{'#' * filled}{'.' * (30 - filled)}] {done}/{total}",
+              end="\n" if done == total else "", file=sys.stderr, flush=True)
+
+
 @contextlib.contextmanager
 def progress_line(clock=time.monotonic):
     """A function of (done, all, what) that rewrites one line with a bar, what is being

@@ -4,13 +4,12 @@ import json
 import os
 import pathlib
 import re
-import sys
 
 import numpy as np
 
 from sensorid import MODELS, write_whole
 from sensorlab.commands.cache import forgive
-from sensorlab.commands.progress import announce_compilation, looked_at
+from sensorlab.commands.progress import announce_compilation
 from sensorlab.gap.costs import available
 from sensorlab.gap.report import finite
 from sensorlab.readers import (
@@ -20,14 +19,6 @@ from sensorlab.units import check_report, factor, fits, kind_of, quoted
 
 forgive()
 announce_compilation()
-
-
-def progress_bar(done, total):
-    """Progress on a terminal."""
-    if looked_at():
-        filled = 30 * done // total
-        print(f"\r[{'#' * filled}{'.' * (30 - filled)}] {done}/{total}",
-              end="\n" if done == total else "", file=sys.stderr, flush=True)
 
 
 def read(options, model=None, beside=()):
