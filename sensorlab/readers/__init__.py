@@ -255,7 +255,7 @@ def _given(channel, dt):
     except ValueError:    # it is given because they tell nothing
         clock = None
     # a unit that was only guessed is none
-    units = 10.0**np.arange(-9, 10, 3) if clock and ", taken as" in clock.said else 1.0
+    units = 10.0**np.arange(-9, 10, 3) if clock and clock.guess else 1.0
     if clock and not np.any(np.abs(units * clock.dt - dt) <= SAME * dt):
         raise ValueError(f"{stamps[0]} says dt = {clock.dt:g} s, but {dt:g} s is given:"
                          " leave one of the two out")

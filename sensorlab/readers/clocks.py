@@ -50,6 +50,7 @@ class Clock(NamedTuple):
     said: str    # where it comes from, in words
     slots: np.ndarray = None    # (N,) place of every sample on the grid, a whole number
                                 # or, where it is to be interpolated, not; None: in turn
+    guess: str = ""             # unit of the stamps, where only their size tells it
 
     def placed(self, x):
         """Values (N,) on the grid; NaN where there is none."""
@@ -92,7 +93,7 @@ def clock(name, time, resample=False):
     ValueError
         If they do not increase, or no even clock explains them.
     """
-    t, source = in_seconds(name, time)
+    t, source, guess = in_seconds(name, time)
     step = np.diff(t)
     if (step < 0.0).any() or 0 < (step == 0.0).sum() < 0.01 * len(step):
         k = int(np.argmax(step <= 0.0))
@@ -123,7 +124,9 @@ def clock(name, time, resample=False):
         if np.median(step) > 0.0:    # else most stamps stand still
             dt = step[step < WIDE * dt].mean()
         found = Clock(dt, ", uneven, interpolated", t / dt)
-    return found._replace(said=f"dt {duration(found.dt)} from {source}{found.said}")
+    source += f", taken as {guess}" * bool(guess)
+    return found._replace(said=f"dt {duration(found.dt)} from {source}{found.said}",
+                          guess=guess)
 
 
 def _with_gaps(t, step, usual):
@@ -188,24 +191,27 @@ def stamps(arrays, known, samples):
 
 
 def in_seconds(name, time):
-    """Stamps in s after the first, and what they are in words.
+    """Stamps in s after the first, what they are in words, and their unit where that
+    is only guessed.
 
     A unit is taken from the name; without one an epoch is known by its size, whole
     numbers with steps of 1000 and more are us, from 10^6 on ns, integers with steps of
     2 to 50 ms (20 to 500 Hz rather than every 2 to 50 s), all else is s.
     """
-    time, scale, source = _counted(name, time)
-    return (time - time[:1]).astype(float) * scale, source
+    time, scale, *told = _counted(name, time)
+    return (time - time[:1]).astype(float) * scale, *told
 
 
 def since_zero(name, time):
     """Stamps in s since the zero of their clock."""
-    time, scale, _ = _counted(name, time)
+    time, scale, *_ = _counted(name, time)
     return time.astype(float) * scale
 
 
 def _counted(name, time):
-    """Stamps as numbers, their unit in s, and what they are in words."""
+    """Stamps as numbers, their unit in s, what they are in words, and the name of the
+    unit where their size tells it and is not s.
+    """
     if time.dtype.kind not in "iufM":
         time = _dates(name, time)
     dates = time.dtype.kind == "M"
@@ -215,13 +221,11 @@ def _counted(name, time):
                          "a number is needed")
     if dates:
         time = time.astype("datetime64[ns]").astype(np.int64)
-        scale, source = 1e-9, f"{name}, dates"
-    else:
-        unit, scale = unit_of(name) or _plausible(time)
-        source = name if unit_of(name) or unit == "s" else f"{name}, taken as {unit}"
+        return time, 1e-9, f"{name}, dates", ""
+    unit, scale = unit_of(name) or _plausible(time)
     if time.dtype.kind == "u":
         time = time.astype(np.int64)
-    return time, scale, source
+    return time, scale, name, "" if unit_of(name) or unit == "s" else unit
 
 
 def _dates(name, texts):
