@@ -24,22 +24,15 @@ ROOT = pathlib.Path(sensorid.__file__).parent
 SOURCE = pathlib.Path(sensorid.__file__).read_text()
 
 
-def global_names(code):
-    """Names that a compiled module or function looks up outside itself, all levels."""
+def global_names(code, what):
+    """Names outside itself that a compiled module or function does LOAD or STORE, all
+    levels.
+    """
     names = {i.argval for i in dis.get_instructions(code)
-             if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+             if i.opname in (f"{what}_GLOBAL", f"{what}_NAME")}
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
-            names |= global_names(constant)
-    return names
-
-
-def stored_names(code):
-    names = {i.argval for i in dis.get_instructions(code)
-             if i.opname in ("STORE_NAME", "STORE_GLOBAL")}
-    for constant in code.co_consts:
-        if isinstance(constant, types.CodeType):
-            names |= stored_names(constant)
+            names |= global_names(constant, what)
     return names
 
 
@@ -49,9 +42,9 @@ BANNERS = [m.start() for m in re.finditer(r"^# ---- \d", SOURCE, re.M)]
 @pytest.mark.parametrize("end", [*BANNERS[1:], len(SOURCE)])
 def test_a_section_calls_only_sections_above_it(end):
     code = compile(SOURCE[:end], "part", "exec")
-    known = (stored_names(code) | set(dir(builtins))
+    known = (global_names(code, "STORE") | set(dir(builtins))
              | {"__name__", "__annotations__"})
-    assert global_names(code) <= known
+    assert global_names(code, "LOAD") <= known
 
 
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
