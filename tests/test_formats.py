@@ -151,11 +151,14 @@ def test_logs_of_px4(tmp_path):
             ] == [f"sensor_combined/gyro_rad[{k}]" for k in range(3)]
 
 
+def fmt(number, length, name, types, columns):
+    """A message of DataFlash that says what another holds."""
+    return b"\xa3\x95\x80" + struct.pack(
+        "<BB4s16s64s", number, length, name, types, columns)
+
+
 def write_dataflash(file):
     """FMT and IMU messages, see LogStructure.h of ArduPilot's AP_Logger."""
-    def fmt(number, length, name, types, columns):
-        return b"\xa3\x95\x80" + struct.pack(
-            "<BB4s16s64s", number, length, name, types, columns)
     content = fmt(128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
     content += fmt(130, 3 + 8 + 1 + 12, b"IMU", b"QBfff", b"TimeUS,I,GyrX,GyrY,GyrZ")
     content += fmt(131, 3 + 8 + 4, b"BARO", b"Qf", b"TimeUS,Temp")
@@ -178,10 +181,6 @@ def test_logs_of_ardupilot_with_several_sensors(tmp_path):
     for every sensor, with its number, and the time when the sample was taken.
     """
     pytest.importorskip("pymavlink")
-
-    def fmt(number, length, name, types, columns):
-        return b"\xa3\x95\x80" + struct.pack(
-            "<BB4s16s64s", number, length, name, types, columns)
     content = fmt(128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
     content += fmt(129, 44, b"FMTU", b"QBNN", b"TimeUS,FmtType,UnitIds,MultIds")
     content += fmt(130, 32, b"GYR", b"QBQfff", b"TimeUS,I,SampleUS,GyrX,GyrY,GyrZ")
