@@ -33,21 +33,24 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
     # Butterworth's two poles at tau = 2
     poles = np.poly(np.exp(-0.5 * np.exp([0.25j * np.pi, -0.25j * np.pi]))).real
     own, expected = {
-        "random_walk": ((0.1,), base + 0.16 * eye + 0.01 * np.minimum.outer(
+        ("random_walk", ""): ((0.1,), base + 0.16 * eye + 0.01 * np.minimum.outer(
             t + 1, t + 1)),
-        "correlated_noise": ((7.0, 0.6), base + 0.16 * eye
-                             + 0.36 * np.exp(-lag / 7.0)),
-        "bias_instability": ((0.6,), base + 0.16 * eye + 0.36 * np.log10(20.0) / 2 * (
-            np.exp(-lag / 20.0) + np.exp(-lag))),
-        "narrow_band_noise": ((0.12, 30.0, 0.6), base + 0.16 * eye + 0.36 * np.exp(
-            -lag / 30.0) * np.cos(2.0 * np.pi * 0.12 * lag)),
-        "bandwidth": ((2.0,), base + 0.16 * np.tanh(0.25) * np.exp(-lag / 2.0)),
-        "bandwidth second order": ((2.0,), base + 0.16 * shaped(
+        ("correlated_noise", ""): ((7.0, 0.6), base + 0.16 * eye
+                                   + 0.36 * np.exp(-lag / 7.0)),
+        ("bias_instability", ""): ((0.6,), base + 0.16 * eye + 0.36 * np.log10(20.0) / 2
+                                   * (np.exp(-lag / 20.0) + np.exp(-lag))),
+        ("narrow_band_noise", ""): ((0.12, 30.0, 0.6), base + 0.16 * eye + 0.36
+                                    * np.exp(-lag / 30.0)
+                                    * np.cos(2.0 * np.pi * 0.12 * lag)),
+        ("bandwidth", "first order"): ((2.0,), base + 0.16 * np.tanh(0.25) * np.exp(
+            -lag / 2.0)),
+        ("bandwidth", "second order"): ((2.0,), base + 0.16 * shaped(
             [np.sum(poles)], poles, lag)),
-        "blue_noise": ((2.0, 0.6), base + 0.16 * eye + 0.36 * 0.5 * (1.0 + a) * shaped(
-            [1.0, -1.0], [1.0, -a], lag)),
-        "noise_step": ((120.0, 3.0), base + 0.16 * eye * np.where(t >= 120, 9, 1)),
-    }[f"{name} {variant}".replace(" first order", "").strip()]
+        ("blue_noise", ""): ((2.0, 0.6), base + 0.16 * eye + 0.36 * 0.5 * (
+            1.0 + a) * shaped([1.0, -1.0], [1.0, -a], lag)),
+        ("noise_step", ""): ((120.0, 3.0), base + 0.16 * eye * np.where(
+            t >= 120, 9, 1)),
+    }[name, variant]
     theta = np.array([[300.0, 0.9, 0.4, *own]])
     y = np.random.default_rng(5).standard_normal(200)
     y[50:60] = np.nan
