@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 
 import sensorid
 import sensorlab
-from sensorlab import Scene, diagnose
+from sensorlab import Scene
 from sensorlab.gap import catalogue, readings
 
 
@@ -128,7 +128,7 @@ def test_the_simulator_of_a_clipped_record_has_the_noise_before(seed, quantiles)
     low, high = np.quantile(y, quantiles)
     h = sensorid.hypothesis("markov", tau_m=(60, 1500), sigma_m=(0.2, 1.5),
                             sigma_v=(0.1, 1.0), bias_sigma=3.0)
-    d = diagnose(np.clip(y, low if quantiles[0] else -np.inf, high), DT, [h])
+    d = sensorlab.diagnose(np.clip(y, low if quantiles[0] else -np.inf, high), DT, [h])
     assert d.verdict == "saturation"
     assert d.after.theta[2] == pytest.approx(0.5, rel=0.08)    # sd 0.013 if clipped
     assert d.final.theta[2] < 0.42    # what a fit makes of samples not lost at random
