@@ -40,6 +40,7 @@ def same(a, b):
 DT = 1.0
 MODEL = paper_case(3)
 WHITE = [sensorid.hypothesis("white_noise", sigma_v=1.0)]
+WHITE_OF_A_RANGE = [sensorid.hypothesis("white_noise", sigma_v=(0.5, 2.0))]
 
 
 def member(scene, h, *names):
@@ -48,6 +49,13 @@ def member(scene, h, *names):
     for name in names:
         result = result.with_effect(sensorlab.CATALOGUE[name])
     return result
+
+
+def white_with(*effects, samples, seed):
+    """A record of white noise, of variance 1, with effects."""
+    return sensorlab.simulate_effects(
+        sensorlab.Simulator(WHITE, (effects,)), Scene(np.zeros(samples), DT, {}),
+        seed=seed).error[0]
 
 
 def scene_of(record):

@@ -6,7 +6,7 @@ import generator
 import numba
 import numpy as np
 import pytest
-from conftest import DT, MODEL, WHITE, diagnosed
+from conftest import DT, MODEL, WHITE, WHITE_OF_A_RANGE, diagnosed, white_with
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sensorid
@@ -143,12 +143,9 @@ def test_what_drifts_returns_or_lags_is_named(effect):
             ("bandwidth", "first order", dict(tau=0.7)),
             ("correlated_noise", "", dict(tau=6.0, sigma=0.5))))])
 def test_a_colour_is_named(effect, variant, values):
-    truth = sensorid.hypothesis("white_noise", sigma_v=1.0)
-    one = Found(EFFECTS[effect], "", variant, account.fixed(**values))
-    y = sensorlab.simulate_effects(sensorlab.Simulator((truth,), ((one,),)), Scene(
-        np.zeros(1500), DT, {}), seed=11).error[0]
-    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise",
-                                                       sigma_v=(0.5, 2.0))])
+    y = white_with(Found(EFFECTS[effect], "", variant, account.fixed(**values)),
+                   samples=1500, seed=11)
+    d = sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE)
     assert d.verdict == effect
     (found,) = d.found
     assert found.variant == variant and (not variant or found.share > 0.8)
@@ -159,17 +156,13 @@ def test_a_colour_is_named(effect, variant, values):
 
 
 def test_two_bands_are_two_and_stay_two_in_a_file(tmp_path):
-    truth = sensorid.hypothesis("white_noise", sigma_v=1.0)
     bands = [Found(EFFECTS["narrow_band_noise"], values=account.fixed(
         frequency=f, tau=25.0, sigma=0.5)) for f in (0.07, 0.31)]
-    simulator = sensorlab.Simulator((truth,), (tuple(bands),))
-    y = sensorlab.simulate_effects(simulator, Scene(np.zeros(1500), DT, {}),
-                                   seed=5).error[0]
-    (h,) = effects.members(simulator, Scene(y, DT, {}))
+    y = white_with(*bands, samples=1500, seed=5)
+    (h,) = effects.members(sensorlab.Simulator(WHITE, (bands,)), Scene(y, DT, {}))
     assert [key for key, _ in h.keys[1::3]] == ["narrow_band_noise",
                                                 "narrow_band_noise_2"]
-    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise",
-                                                       sigma_v=(0.5, 2.0))])
+    d = sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE)
     assert d.verdict == "narrow_band_noise+narrow_band_noise"
     found = sorted(one.values["frequency"] for one in d.found)
     for (mean, sd), f in zip(found, (0.07, 0.31)):
@@ -220,8 +213,7 @@ def test_a_sensor_noisier_than_its_range_has_no_change_of_noise():
 def test_a_walk_that_the_simulator_lacks_is_named():
     rng = np.random.default_rng(4)
     y = rng.standard_normal(1500) + np.cumsum(0.1 * rng.standard_normal(1500))
-    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise",
-                                                       sigma_v=(0.5, 2.0))])
+    d = sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE)
     assert d.verdict == "random_walk"
     mean, sd = d.found[0].values["sigma_w"]
     assert abs(mean - 0.1) < 3.0 * sd

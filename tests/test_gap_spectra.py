@@ -2,25 +2,20 @@
 """
 
 import numpy as np
-from conftest import DT, member
+from conftest import DT, WHITE, WHITE_OF_A_RANGE, member, white_with
 from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 
-import sensorid
-from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
+from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import account, evidence, filters, spectra
-
-WHITE = sensorid.hypothesis("white_noise", sigma_v=(0.5, 2.0))
 
 
 def with_band(n=600, **values):
     """Scene of white noise with a band; its hypothesis without and with one."""
     band = Found(CATALOGUE["narrow_band_noise"], values=account.fixed(**values))
-    truth = sensorid.hypothesis("white_noise", sigma_v=1.0)
-    y = simulate_effects(Simulator((truth,), ((band,),)),
-                         Scene(np.zeros(n), DT, {}), seed=3).error[0]
-    scene = Scene(y, DT, {})
-    return scene, member(scene, WHITE), member(scene, WHITE, "narrow_band_noise")
+    scene = Scene(white_with(band, samples=n, seed=3), DT, {})
+    (h,) = WHITE_OF_A_RANGE
+    return scene, member(scene, h), member(scene, h, "narrow_band_noise")
 
 
 def test_gains_of_bands_are_whittles():
@@ -58,8 +53,7 @@ def test_evidence_of_an_unknown_band_is_the_sum_over_all_frequencies():
     scene, h, richer = with_band(frequency=0.21, tau=40.0, sigma=0.5)
     richer, _ = spectra.promise(h, richer, scene, (), np.array([1.0]))
     known = {("narrow_band_noise", "tau"): 40.0, ("narrow_band_noise", "sigma"): 0.5}
-    plain = sensorid.hypothesis("white_noise", sigma_v=1.0)
-    richer = richer.fixed(known)._replace(hypothesis=plain)
+    richer = richer.fixed(known)._replace(hypothesis=WHITE[0])
     sought = richer.parameters[1]
     every = sought.low + (sought.high - sought.low) * (np.arange(3000) + 0.5) / 3000
     nodes = np.column_stack([np.ones(3000), every, np.full(3000, 40.0),
@@ -77,7 +71,8 @@ def test_a_promise_is_about_what_a_filter_finds():
     base = account.account(scene, [h])
     theta = base.samples[0].theta[base.samples[0].log_likelihood.argmax()]
     for name, apart in (("narrow_band_noise", 4.0), ("blue_noise", 2.0)):
-        richer, told = spectra.promise(h, member(scene, WHITE, name), scene, (), theta)
+        richer = member(scene, *WHITE_OF_A_RANGE, name)
+        richer, told = spectra.promise(h, richer, scene, (), theta)
         found = account.account(scene, [h], [richer])
         gain = found.log_evidence - base.log_evidence
         assert abs(told - gain) < apart, name
