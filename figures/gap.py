@@ -19,11 +19,11 @@ from scipy.stats import chi2
 import figures
 import sensorid
 import sensorlab
+from sensorlab.drawings.style import AFTER, BEFORE, INK, PALE, legend_above
 from sensorlab.gap import signatures
 from sensorlab.gap.account import account
 from sensorlab.gap.directed import directed
 from sensorlab.gap.effects import Simulator, members
-from sensorlab.drawings.style import AFTER, BEFORE, INK, PALE, legend_above
 from figures import save, withheld
 from tests import generator
 
@@ -94,7 +94,7 @@ def bound(record, level, hypotheses):
     scene = sensorlab.Scene(record["error"], generator.DT,
                            dict(temperature=record["temperature"], rate=record["rate"]))
     D = generator.LEVELS[level]
-    x = np.sqrt(2.0 * D) * signatures.GAIN_ROOT
+    x = withheld.ratio(D) * signatures.GAIN_ROOT
     table = {1: x + np.log1p(np.exp(-2.0 * x)) - np.log(2.0) - D,
              2: np.log(ive(0, x)) + x - D}
     effects = [sensorlab.CATALOGUE[e] for e in generator.ADDITIVE]
@@ -247,8 +247,8 @@ def draw(rows, trees):
         "Ljung-Box and Allan slopes": (single, lambda r: r["slopes"] == r["effects"])}
     if trees:
         curves["random forest"] = single, lambda r: guess[id(r)] == r["effects"]
-    ratio = np.sqrt([2.0 * np.mean([r["nats"] for r in additive if r["level"] == k])
-                     for k in levels])
+    ratio = withheld.ratio(np.array([
+        np.mean([r["nats"] for r in additive if r["level"] == k]) for k in levels]))
     for number, (label, (own, hit)) in enumerate(curves.items()):
         hits = [[hit(r) for r in own if r["level"] == k] for k in levels]
         aside = 1.01**(number - 2.5)    # so that no bar hides another

@@ -87,12 +87,6 @@ def nats(shape, clean, lags=32):
     return 0.5 * np.sum(white**2) / variance
 
 
-def ratio(size):
-    """The signal-to-noise ratio that a matched filter gives an effect of so many nats.
-    """
-    return np.sqrt(2.0 * size)
-
-
 def cases():
     """(what, name, axis number, run, first sample, nats) of every diagnosis."""
     for number in range(len(AXES)):
@@ -159,7 +153,7 @@ def table(result):
         if own:
             k = sum(right(c, one) for c, one in own)
             low, high = withheld.interval(k, len(own))
-            text = f"{what}, ratio {ratio(size):.3g}" if size else what
+            text = f"{what}, ratio {withheld.ratio(size):.3g}" if size else what
             lines.append(f"{text:<20}{k:>3} of {len(own):<4}"
                          f"[{100 * low:.0f}, {100 * high:.0f}] %")
     lines += [f"{' '.join(map(str, c)):<44} {one['verdict']}"
@@ -173,13 +167,13 @@ def draw(result):
     for at, name in enumerate(SHAPES):
         for c in own:
             if c[1] == name:
-                ax.plot(ratio(c[-1]), at, "o" if right(c, result[c]) else "x",
+                ax.plot(withheld.ratio(c[-1]), at, "o" if right(c, result[c]) else "x",
                         color=AFTER if right(c, result[c]) else BEFORE, markersize=9)
     ax.set_yticks(range(len(SHAPES)), list(SHAPES))
     ax.plot([], [], "o", color=AFTER, markersize=9, label="in the verdict")
     ax.plot([], [], "x", color=BEFORE, markersize=9, label="not")
-    ax.set_xticks([ratio(size) for size in NATS],
-                  [f"{ratio(size):.2g}" for size in NATS])
+    ax.set_xticks([withheld.ratio(size) for size in NATS],
+                  [f"{withheld.ratio(size):.2g}" for size in NATS])
     ax.set(xscale="log", xlabel="signal-to-noise ratio of the effect at a matched "
            "filter, in a real stretch")
     ax.minorticks_off()

@@ -30,6 +30,11 @@ def interval(k, n):
     return low, high
 
 
+def ratio(nats):
+    """Signal-to-noise ratio that a matched filter gives an effect of so many nats."""
+    return np.sqrt(2.0 * nats)
+
+
 def compute():
     """Reports of all records, by number; those already written are kept."""
     folder = figures.OUTPUT / "withheld"
