@@ -113,10 +113,10 @@ def model_of(record, simulator):
                             pathlib.Path(record.file).name))
 
 
-def diagnosed(record, simulator=None, simulated=None, seed=0, origin=None):
+def diagnosed(record, simulator=None, simulated=None, seed=0, files=None):
     """`Row` of `diagnose`; `simulated` are records of the simulator, where these are
-    what is known of it. With files of `provenance` it has a page that leads back to
-    INDEX.
+    what is known of it. With files as `provenance` takes them it has a page that leads
+    back to INDEX.
     """
     y, dt, unit = record.error, record.dt, record.unit or "u"
     if simulated is not None:
@@ -126,8 +126,8 @@ def diagnosed(record, simulator=None, simulated=None, seed=0, origin=None):
     if isinstance(simulator, Simulator):
         check_onsets(simulator, Scene(y, dt, {}))
     d = diagnose(y, dt, simulator, record.columns, seed=seed, simulated=simulated)
-    html = "" if origin is None else page(
-        d, record, unit, provenance(origin, above=INDEX))
+    html = "" if files is None else page(
+        d, record, unit, provenance(files, above=INDEX))
     return Row(record.file, record.column, unit, "", report(d, record),
                model_of(record, augmented(d)), _bands(d), _heard(record), html)
 
