@@ -15,14 +15,6 @@ def run(options):
     check_outputs([options.model, options.like], options.out)
     needed = sorted({one.column for _, effects in model.simulator.pairs
                      for one in effects} - {""})
-    if not options.like:
-        refuse_unused(options, *(name for name in RECORDED if name != "dt"),
-                      why="goes with --like: no record is read here")
-        refuse_interval(options.model, model, options.dt)
-    if needed and not options.like:
-        raise ValueError(f"the effects of {options.model} need the column"
-                         f"{'s' * (len(needed) > 1)} {', '.join(needed)}: "
-                         "give a record that has them with --like")
     if options.like:
         options.record = options.like
         like = read(options, model, beside=needed)
@@ -30,6 +22,13 @@ def run(options):
         check_columns(like.error, like.columns)
         check_memory(len(like.error), options.records)
     else:
+        refuse_unused(options, *(name for name in RECORDED if name != "dt"),
+                      why="goes with --like: no record is read here")
+        refuse_interval(options.model, model, options.dt)
+        if needed:
+            raise ValueError(f"the effects of {options.model} need the column"
+                             f"{'s' * (len(needed) > 1)} {', '.join(needed)}: "
+                             "give a record that has them with --like")
         check_memory(options.samples, options.records)
         scene = Scene(np.zeros(options.samples), model.dt, {})
     check_onsets(model.simulator, scene)
