@@ -144,7 +144,7 @@ def _list_effects(options):
                   "workers", "seed", "report", why="does nothing beside --effects")
     scene = None
     if options.records:
-        records = read_each(options, None, None)
+        records = read_each(options, beside=None)
         if len(records) > 1:
             raise ValueError(f"--effects takes one record, not {len(records)}")
         scene = Scene(records[0].error, records[0].dt, records[0].columns)
