@@ -13,7 +13,7 @@ from sensorlab.commands.progress import announce_compilation
 from sensorlab.gap.costs import available
 from sensorlab.gap.report import finite
 from sensorlab.readers import (
-    Unread, plain_name, read as read_source, read_axes, read_rows, unread)
+    SAME, Unread, plain_name, read as read_source, read_axes, read_rows, unread)
 from sensorlab.units import check_report, factor, fits, kind_of, quoted
 
 
@@ -87,11 +87,16 @@ def _interval(options, source, model):
 def _as_asked(record, options, model):
     """The part of a record that is asked for, if it fits the model."""
     record = _part(record, options)
-    if model and abs(record.dt - model.dt) > 0.01 * model.dt:
+    if model and _apart(record.dt, model.dt):
         raise ValueError(f"{record.file} is sampled at {record.dt:g} s, "
                          f"but the model is for dt = {model.dt:g} s: "
                          "its noises per sample do not apply")
     return record
+
+
+def _apart(one, other):
+    """Are two sampling intervals not the same?"""
+    return abs(one - other) > SAME * other
 
 
 def _part(record, options):
@@ -138,7 +143,7 @@ def refuse_unused(options, *names, why):
 
 def refuse_interval(file, model, dt):
     """Refuse a sampling interval that is not that of a model which says its own."""
-    if dt is not None and abs(model.dt - dt) > 0.01 * model.dt:
+    if dt is not None and _apart(dt, model.dt):
         raise ValueError(f"{file} is for dt = {model.dt:g} s, not for {dt:g} s: leave "
                          "--dt out")
 
@@ -311,7 +316,7 @@ def simulated_records(options, record):
         m = options.average
         rows = [_averaged(row, m, slice(0, len(row.error) // m * m)) for row in rows]
     own = rows[0].dt
-    if abs(own - record.dt) > 0.01 * record.dt:
+    if _apart(own, record.dt):
         raise ValueError(f"{options.simulated} is sampled at {own:g} s, the record at "
                          f"{record.dt:g} s")
     if rows[0].unit and record.unit != "u":
