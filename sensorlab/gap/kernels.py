@@ -66,15 +66,6 @@ def groups(count):
     return (count + ABREAST - 1) // ABREAST
 
 
-@njit(**JIT)
-def has_pairs(pair):
-    """Is any state one of two?"""
-    for s in range(len(pair)):
-        if pair[s] != s:
-            return True
-    return False
-
-
 def _turns(lanes):
     """Kernels that take states and covariances of so many lanes one step on."""
     @njit(**JIT)
@@ -82,31 +73,52 @@ def _turns(lanes):
         """Phi x in place, x (n, lanes); Phi has a on its diagonal, b beside it."""
         for s in range(len(pair)):
             t = pair[s]
-            for g in range(lanes):
-                if t == s:
+            if t == s:
+                for g in range(lanes):
                     x[s, g] *= a[s, g]
-                elif t > s:
+            elif t > s:
+                for g in range(lanes):
                     old = x[s, g]
                     x[s, g] = a[s, g] * old + b[s, g] * x[t, g]
                     x[t, g] = a[t, g] * x[t, g] + b[t, g] * old
 
     @njit(**JIT)
     def turn_covariance(a, b, pair, P):
-        """Phi P Phi' in place, P (n, n, lanes), of which the lower half is given."""
+        """Phi P Phi' in place, P (n, n, lanes), of which the lower half is kept."""
         n = len(pair)
         for s in range(n):
-            for t in range(s):
+            t = pair[s]
+            if t == s:
+                for k in range(n):
+                    if pair[k] != k:
+                        high, low = max(k, s), min(k, s)
+                        for g in range(lanes):
+                            P[high, low, g] *= a[s, g]
+                    elif k <= s:
+                        for g in range(lanes):
+                            P[s, k, g] *= a[s, g] * a[k, g]
+            elif t > s:
+                for k in range(n):
+                    if k == s or k == t:
+                        continue
+                    one, two = P[max(k, s), min(k, s)], P[max(k, t), min(k, t)]
+                    for g in range(lanes):
+                        old = one[g]
+                        one[g] = a[s, g] * old + b[s, g] * two[g]
+                        two[g] = a[t, g] * two[g] + b[t, g] * old
                 for g in range(lanes):
-                    P[t, s, g] = P[s, t, g]
-        for t in range(n):
-            turn(a, b, pair, P[:, t])
-        for s in range(n):
-            turn(a, b, pair, P[s])
+                    first, both, second = P[s, s, g], P[t, s, g], P[t, t, g]
+                    P[s, s, g] = a[s, g]**2 * first + b[s, g] * (
+                        2.0 * a[s, g] * both + b[s, g] * second)
+                    P[t, t, g] = a[t, g]**2 * second + b[t, g] * (
+                        2.0 * a[t, g] * both + b[t, g] * first)
+                    P[t, s, g] = both * (a[s, g] * a[t, g] + b[s, g] * b[t, g]) + (
+                        a[s, g] * b[t, g] * first + a[t, g] * b[s, g] * second)
     return turn, turn_covariance
 
 
 turn, turn_covariance = _turns(ABREAST)
-_turn_alone, _turn_covariance_alone = _turns(1)
+_, _turn_covariance_alone = _turns(1)
 
 
 @njit(**JIT)
@@ -133,16 +145,11 @@ def predict_covariance(parts, pair, h, P, Ph, f):
     added to f (ABREAST,), Eqs. (6), (8).
     """
     a, b, q, c = parts[0], parts[1], parts[2], parts[3]
-    n, paired = len(pair), has_pairs(pair)
-    if paired:
-        turn_covariance(a, b, pair, P)
+    n = len(pair)
+    turn_covariance(a, b, pair, P)
     for s in range(n):
         for g in range(ABREAST):
             Ph[s, g] = 0.0
-        if not paired:
-            for t in range(s + 1):
-                for g in range(ABREAST):
-                    P[s, t, g] *= a[s, g] * a[t, g]
         for g in range(ABREAST):
             P[s, s, g] += q[s, g]
         if pair[s] < s:
@@ -172,14 +179,8 @@ def update_covariance(P, Ph, weight):
 @njit(**JIT)
 def predict_state(parts, pair, h, x, nu):
     """x (n, ABREAST) one step on; what h sees of it leaves nu (ABREAST,), Eq. (7)."""
-    a, b, n = parts[0], parts[1], len(pair)
-    if has_pairs(pair):
-        turn(a, b, pair, x)
-    else:
-        for s in range(n):
-            for g in range(ABREAST):
-                x[s, g] *= a[s, g]
-    for s in range(n):
+    turn(parts[0], parts[1], pair, x)
+    for s in range(len(pair)):
         for g in range(ABREAST):
             nu[g] -= h[s] * x[s, g]
 
@@ -214,7 +215,6 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
     """Pairs of a group of records and a node, of `plain_filters`."""
     R, N = y.shape
     M, n = own.shape[1:]
-    paired = has_pairs(pair)
     for both in range(first, last):
         group, node = both // M, both % M
         begin, number = group * ABREAST, min(ABREAST, R - group * ABREAST)
@@ -222,6 +222,8 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
         P, Ph = np.zeros((n, n)), np.empty(n)
         x, nu = np.zeros((n, ABREAST)), np.zeros(ABREAST)
         lanes_a, lanes_b = np.empty((2, n, ABREAST))
+        alone_a, alone_b, alone_P = (a.copy().reshape(n, 1), b.copy().reshape(n, 1),
+                                     P.reshape(n, n, 1))
         chi2, log_det, product, count = np.zeros(ABREAST), 0.0, 1.0, 0
         for s in range(n):
             P[s, s] = own[4, node, s]
@@ -231,16 +233,8 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
                 lanes_a[s, g], lanes_b[s, g] = a[s], b[s]
         for i in range(N):
             f, seen = r[node, min(i, r.shape[1] - 1)], not np.isnan(y[begin, i])
-            if paired:
-                _turn_covariance_alone(a.reshape(n, 1), b.reshape(n, 1), pair,
-                                       P.reshape(n, n, 1))
-                turn(lanes_a, lanes_b, pair, x)
-            else:
-                for s in range(n):
-                    for t in range(s + 1):
-                        P[s, t] *= a[s] * a[t]
-                    for g in range(ABREAST):
-                        x[s, g] *= a[s]
+            _turn_covariance_alone(alone_a, alone_b, pair, alone_P)
+            turn(lanes_a, lanes_b, pair, x)
             for s in range(n):
                 P[s, s] += q[s]
                 Ph[s] = H[i, s] * P[s, s]
@@ -567,7 +561,6 @@ def _go_back(N, h, back, pair, K, weight, gain, R, D, steps):
     of the n + 1 states is the shift; back (2, n + 1, lanes) are factors of Phi'.
     """
     C, n = R.shape[:2]
-    paired = has_pairs(pair)
     kD, kDk = np.empty((n + 1, ABREAST)), np.empty(ABREAST)
     for i in range(N - 1, -1, -1):
         for c in range(C):
@@ -582,20 +575,17 @@ def _go_back(N, h, back, pair, K, weight, gain, R, D, steps):
         kD[:] = 0.0
         for t in range(n + 1):
             for s in range(n):
+                high, low = max(s, t), min(s, t)
                 for g in range(ABREAST):
-                    kD[t, g] += D[t, s, g] * K[i, s, g]
+                    kD[t, g] += D[high, low, g] * K[i, s, g]
         for g in range(ABREAST):
             kDk[g] = weight[i, g]
             for s in range(n):
                 kDk[g] += K[i, s, g] * kD[s, g]
         turn(back[0], back[1], pair, kD)
-        if paired:
-            turn_covariance(back[0], back[1], pair, D)
+        turn_covariance(back[0], back[1], pair, D)
         for s in range(n + 1):
-            for t in range(n + 1):
-                if not paired:
-                    for g in range(ABREAST):
-                        D[s, t, g] *= back[0, s, g] * back[0, t, g]
+            for t in range(s + 1):
                 for g in range(ABREAST):
                     D[s, t, g] += (h[s] * h[t] * kDk[g] - h[t] * kD[s, g]
                                    - h[s] * kD[t, g])
