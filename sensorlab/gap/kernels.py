@@ -66,59 +66,53 @@ def groups(count):
     return (count + ABREAST - 1) // ABREAST
 
 
-def _turns(lanes):
-    """Kernels that take states and covariances of so many lanes one step on."""
-    @njit(**JIT)
-    def turn(a, b, pair, x):
-        """Phi x in place, x (n, lanes); Phi has a on its diagonal, b beside it."""
-        for s in range(len(pair)):
-            t = pair[s]
-            if t == s:
-                for g in range(lanes):
-                    x[s, g] *= a[s, g]
-            elif t > s:
-                for g in range(lanes):
-                    old = x[s, g]
-                    x[s, g] = a[s, g] * old + b[s, g] * x[t, g]
-                    x[t, g] = a[t, g] * x[t, g] + b[t, g] * old
-
-    @njit(**JIT)
-    def turn_covariance(a, b, pair, P):
-        """Phi P Phi' in place, P (n, n, lanes), of which the lower half is kept."""
-        n = len(pair)
-        for s in range(n):
-            t = pair[s]
-            if t == s:
-                for k in range(n):
-                    if pair[k] != k:
-                        high, low = max(k, s), min(k, s)
-                        for g in range(lanes):
-                            P[high, low, g] *= a[s, g]
-                    elif k <= s:
-                        for g in range(lanes):
-                            P[s, k, g] *= a[s, g] * a[k, g]
-            elif t > s:
-                for k in range(n):
-                    if k == s or k == t:
-                        continue
-                    one, two = P[max(k, s), min(k, s)], P[max(k, t), min(k, t)]
-                    for g in range(lanes):
-                        old = one[g]
-                        one[g] = a[s, g] * old + b[s, g] * two[g]
-                        two[g] = a[t, g] * two[g] + b[t, g] * old
-                for g in range(lanes):
-                    first, both, second = P[s, s, g], P[t, s, g], P[t, t, g]
-                    P[s, s, g] = a[s, g]**2 * first + b[s, g] * (
-                        2.0 * a[s, g] * both + b[s, g] * second)
-                    P[t, t, g] = a[t, g]**2 * second + b[t, g] * (
-                        2.0 * a[t, g] * both + b[t, g] * first)
-                    P[t, s, g] = both * (a[s, g] * a[t, g] + b[s, g] * b[t, g]) + (
-                        a[s, g] * b[t, g] * first + a[t, g] * b[s, g] * second)
-    return turn, turn_covariance
+@njit(**JIT)
+def turn(a, b, pair, x):
+    """Phi x in place, x (n, lanes); Phi has a on its diagonal, b beside it."""
+    for s in range(len(pair)):
+        t = pair[s]
+        if t == s:
+            for g in range(x.shape[1]):
+                x[s, g] *= a[s, g]
+        elif t > s:
+            for g in range(x.shape[1]):
+                old = x[s, g]
+                x[s, g] = a[s, g] * old + b[s, g] * x[t, g]
+                x[t, g] = a[t, g] * x[t, g] + b[t, g] * old
 
 
-turn, turn_covariance = _turns(ABREAST)
-_, _turn_covariance_alone = _turns(1)
+@njit(**JIT)
+def turn_covariance(a, b, pair, P):
+    """Phi P Phi' in place, P (n, n, lanes), of which the lower half is kept."""
+    n = len(pair)
+    for s in range(n):
+        t = pair[s]
+        if t == s:
+            for k in range(n):
+                if pair[k] != k:
+                    high, low = max(k, s), min(k, s)
+                    for g in range(P.shape[2]):
+                        P[high, low, g] *= a[s, g]
+                elif k <= s:
+                    for g in range(P.shape[2]):
+                        P[s, k, g] *= a[s, g] * a[k, g]
+        elif t > s:
+            for k in range(n):
+                if k == s or k == t:
+                    continue
+                one, two = P[max(k, s), min(k, s)], P[max(k, t), min(k, t)]
+                for g in range(P.shape[2]):
+                    old = one[g]
+                    one[g] = a[s, g] * old + b[s, g] * two[g]
+                    two[g] = a[t, g] * two[g] + b[t, g] * old
+            for g in range(P.shape[2]):
+                first, both, second = P[s, s, g], P[t, s, g], P[t, t, g]
+                P[s, s, g] = a[s, g]**2 * first + b[s, g] * (
+                    2.0 * a[s, g] * both + b[s, g] * second)
+                P[t, t, g] = a[t, g]**2 * second + b[t, g] * (
+                    2.0 * a[t, g] * both + b[t, g] * first)
+                P[t, s, g] = both * (a[s, g] * a[t, g] + b[s, g] * b[t, g]) + (
+                    a[s, g] * b[t, g] * first + a[t, g] * b[s, g] * second)
 
 
 @njit(**JIT)
@@ -148,21 +142,21 @@ def predict_covariance(parts, pair, h, P, Ph, f):
     n = len(pair)
     turn_covariance(a, b, pair, P)
     for s in range(n):
-        for g in range(ABREAST):
+        for g in range(len(f)):
             Ph[s, g] = 0.0
-        for g in range(ABREAST):
+        for g in range(len(f)):
             P[s, s, g] += q[s, g]
         if pair[s] < s:
-            for g in range(ABREAST):
+            for g in range(len(f)):
                 P[s, pair[s], g] += c[s, g]
         for t in range(s):
-            for g in range(ABREAST):
+            for g in range(len(f)):
                 Ph[s, g] += h[t] * P[s, t, g]
                 Ph[t, g] += h[s] * P[s, t, g]
-        for g in range(ABREAST):
+        for g in range(len(f)):
             Ph[s, g] += h[s] * P[s, s, g]
     for s in range(n):
-        for g in range(ABREAST):
+        for g in range(len(f)):
             f[g] += h[s] * Ph[s, g]
 
 
@@ -172,7 +166,7 @@ def update_covariance(P, Ph, weight):
     n = len(Ph)
     for s in range(n):
         for t in range(s + 1):
-            for g in range(ABREAST):
+            for g in range(len(weight)):
                 P[s, t, g] -= Ph[s, g] * Ph[t, g] * weight[g]
 
 
@@ -181,7 +175,7 @@ def predict_state(parts, pair, h, x, nu):
     """x (n, ABREAST) one step on; what h sees of it leaves nu (ABREAST,), Eq. (7)."""
     turn(parts[0], parts[1], pair, x)
     for s in range(len(pair)):
-        for g in range(ABREAST):
+        for g in range(len(nu)):
             nu[g] -= h[s] * x[s, g]
 
 
@@ -190,7 +184,7 @@ def update_state(x, Ph, gain):
     """x with Ph gain added, Eq. (4); the gain (ABREAST,) is nu times the weight."""
     n = len(Ph)
     for s in range(n):
-        for g in range(ABREAST):
+        for g in range(len(gain)):
             x[s, g] += Ph[s, g] * gain[g]
 
 
@@ -233,7 +227,7 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
                 lanes_a[s, g], lanes_b[s, g] = a[s], b[s]
         for i in range(N):
             f, seen = r[node, min(i, r.shape[1] - 1)], not np.isnan(y[begin, i])
-            _turn_covariance_alone(alone_a, alone_b, pair, alone_P)
+            turn_covariance(alone_a, alone_b, pair, alone_P)
             turn(lanes_a, lanes_b, pair, x)
             for s in range(n):
                 P[s, s] += q[s]
