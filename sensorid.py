@@ -939,12 +939,14 @@ def _advance_record(y, observed, last_gap, node, memory, state):
 def _predict_abreast(entries, apart, phi, noise, P, prior):
     """Eq. (5) for GROUP nodes of n states: P (n, n, GROUP), of which the lower half
     counts, becomes the predicted covariance. States that are `apart` do not mix.
+
+    Inner loops ask an array for their length: it vectorises better than one known.
     """
     n = len(P)
     if apart:
         for row in range(n):
             for s in range(row + 1):
-                for g in range(GROUP):
+                for g in range(P.shape[2]):
                     P[row, s, g] = (phi[row, row, g] * P[row, s, g] * phi[s, s, g]
                                     + noise[row, s, g])
         return
@@ -952,15 +954,15 @@ def _predict_abreast(entries, apart, phi, noise, P, prior):
     for row, column in entries:
         for s in range(n):
             low, high = min(column, s), max(column, s)
-            for g in range(GROUP):
+            for g in range(P.shape[2]):
                 prior[row, s, g] += phi[row, column, g] * P[high, low, g]
     for row in range(n):
         for s in range(row + 1):
-            for g in range(GROUP):
+            for g in range(P.shape[2]):
                 P[row, s, g] = noise[row, s, g]
     for row, column in entries:
         for s in range(row, n):
-            for g in range(GROUP):
+            for g in range(P.shape[2]):
                 P[s, row, g] += prior[s, column, g] * phi[row, column, g]
 
 
@@ -978,28 +980,28 @@ def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weigh
         h, noise = H[min(at, len(H) - 1)], r[min(at, len(r) - 1)]
         _predict_abreast(entries, apart, Phi[min(at, len(Phi) - 1)],
                          Q[min(at, len(Q) - 1)], P, prior)
-        for g in range(GROUP):
+        for g in range(len(f)):
             f[g] = noise[g]
         for row in range(n):
-            for g in range(GROUP):
+            for g in range(len(f)):
                 Ph[row, g] = 0.0
             for s in range(n):
                 low, high = min(row, s), max(row, s)
-                for g in range(GROUP):
+                for g in range(len(f)):
                     Ph[row, g] += P[high, low, g] * h[s, g]
-            for g in range(GROUP):
+            for g in range(len(f)):
                 f[g] += h[row, g] * Ph[row, g]
-        for g in range(GROUP):
+        for g in range(len(f)):
             weight[i, g] = o / f[g]
             product[g] *= o * f[g] + (1.0 - o)
         for row in range(n):
-            for g in range(GROUP):
+            for g in range(len(f)):
                 gain[i, row, g] = Ph[row, g] * weight[i, g]
             for s in range(row + 1):
-                for g in range(GROUP):
+                for g in range(len(f)):
                     P[row, s, g] -= gain[i, row, g] * Ph[s, g]
         if i % 8 == 7 or i == len(observed) - 1:
-            for g in range(GROUP):
+            for g in range(len(f)):
                 log_det[g] += np.log(product[g])
                 product[g] = 1.0
     return log_det
@@ -1030,29 +1032,29 @@ def _innovations_abreast(y, first, entries, apart, Phi, H, gain, x, nu):
         at = first + i
         phi, h = Phi[min(at, len(Phi) - 1)], H[min(at, len(H) - 1)]
         own, k = nu[i], gain[min(i, len(gain) - 1)]
-        for g in range(GROUP):
+        for g in range(x.shape[1]):
             own[g] = y[i]
         if apart:
             for s in range(n):
-                for g in range(GROUP):
+                for g in range(x.shape[1]):
                     x[s, g] *= phi[s, s, g]
                     own[g] -= h[s, g] * x[s, g]
             for s in range(n):
-                for g in range(GROUP):
+                for g in range(x.shape[1]):
                     x[s, g] += k[s, g] * own[g]
             continue
         new[:] = 0.0
         for row, column in entries:
-            for g in range(GROUP):
+            for g in range(x.shape[1]):
                 new[row, g] += phi[row, column, g] * x[column, g]
         for s in range(n):
-            for g in range(GROUP):
+            for g in range(x.shape[1]):
                 own[g] -= h[s, g] * new[s, g]
         for s in range(n):
-            for g in range(GROUP):
+            for g in range(x.shape[1]):
                 x[s, g] = new[s, g] + k[s, g] * own[g]
     for s in range(n):
-        for g in range(GROUP):
+        for g in range(x.shape[1]):
             if abs(x[s, g]) < DUST:
                 x[s, g] = 0.0
 

@@ -2,7 +2,8 @@
 side.
 
 ABREAST nodes, or pairs of a record and a node, lie side by side in the last axis of all
-arrays, a length that is known when the loops are compiled. The steps that every such
+arrays. Inner loops take its length from an array: one over 16 lanes that are known to
+be 16 would be unrolled, not vectorised. The steps that every such
 recursion takes stand first, once for all of them; h (n,) observes the states; of a
 covariance the lower half is kept. A state is six numbers, as `filters.Parts` has them:
 its factor a, and b of the other state of its pair; variance q of its noise, and
@@ -223,7 +224,7 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
             P[s, s] = own[4, node, s]
             if pair[s] < s:
                 P[s, pair[s]] = own[5, node, s]
-            for g in range(ABREAST):
+            for g in range(len(nu)):
                 lanes_a[s, g], lanes_b[s, g] = a[s], b[s]
         for i in range(N):
             f, seen = r[node, min(i, r.shape[1] - 1)], not np.isnan(y[begin, i])
@@ -245,15 +246,15 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
                 for g in range(number):
                     nu[g] = y[begin + g, i]
                 for s in range(n):
-                    for g in range(ABREAST):
+                    for g in range(len(nu)):
                         nu[g] -= H[i, s] * x[s, g]
                 for s in range(n):
                     gain = Ph[s] / f
                     for t in range(s + 1):
                         P[s, t] -= gain * Ph[t]
-                    for g in range(ABREAST):
+                    for g in range(len(nu)):
                         x[s, g] += gain * nu[g]
-                for g in range(ABREAST):
+                for g in range(len(nu)):
                     chi2[g] += nu[g] * nu[g] / f
                 product *= f
                 count += 1
@@ -321,7 +322,7 @@ def _filter_mixtures(first, last, levels, kinds, y, H, own, pair, r, outlier, ju
         for i in range(N):
             if levels == 2:
                 _mix_levels(change, weight, prior, share, apart, x, P)
-            for g in range(ABREAST):
+            for g in range(len(f)):
                 value = y[record[g], i]
                 seen[g] = 0.0 if np.isnan(value) else 1.0
                 for level in range(levels):
@@ -329,12 +330,12 @@ def _filter_mixtures(first, last, levels, kinds, y, H, own, pair, r, outlier, ju
                         2 * level - 1) * (levels - 1) * offset[g]
                 least[g] = np.inf
             for level in range(levels):
-                for g in range(ABREAST):
+                for g in range(len(f)):
                     f[g] = r[node[g], min(i, r.shape[1] - 1)]
                 predict_covariance(parts, pair, H[i], P[level], Ph[level], f)
                 predict_state(parts, pair, H[i], x[level], nu[level])
                 for kind in range(kinds):
-                    for g in range(ABREAST):
+                    for g in range(len(f)):
                         k = 1.0 / (f[g] + kind * wider[g])
                         per_f[level, kind, g] = k
                         term[level, kind, g] = prior[level, g] * np.sqrt(k) * (
@@ -344,21 +345,21 @@ def _filter_mixtures(first, last, levels, kinds, y, H, own, pair, r, outlier, ju
             mass[:] = 0.0
             for level in range(levels):
                 for kind in range(kinds):
-                    for g in range(ABREAST):
+                    for g in range(len(f)):
                         if half[level, kind, g] > least[g]:
                             term[level, kind, g] *= np.exp(
                                 least[g] - half[level, kind, g])
-                    for g in range(ABREAST):
+                    for g in range(len(f)):
                         mass[g] += term[level, kind, g]
-            for g in range(ABREAST):
+            for g in range(len(f)):
                 log_f[g] += seen[g] * (least[g] + 0.5 * LOG_2PI)
                 product[g] *= seen[g] * mass[g] + (1.0 - seen[g])
             if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
-                for g in range(ABREAST):
+                for g in range(len(f)):
                     log_f[g] -= np.log(product[g])
                     product[g] = 1.0
             for level in range(levels):
-                for g in range(ABREAST):
+                for g in range(len(f)):
                     here = term[level, 0, g]
                     k, less = per_f[level, 0, g], per_f[level, 0, g]
                     if kinds == 2:
@@ -395,17 +396,17 @@ def _mix_levels(change, weight, prior, share, apart, x, P):
     """What each of two levels is before a sample: part of it was the other before."""
     n = len(apart)
     for level in range(2):
-        for g in range(ABREAST):
+        for g in range(apart.shape[1]):
             stay = weight[level, g] * (1.0 - change[g])
             prior[level, g] = stay + weight[1 - level, g] * change[g]
             share[level, g] = stay / prior[level, g]
     for s in range(n):
-        for g in range(ABREAST):
+        for g in range(apart.shape[1]):
             apart[s, g] = x[0, s, g] - x[1, s, g]
             x[0, s, g] -= (1.0 - share[0, g]) * apart[s, g]
             x[1, s, g] += (1.0 - share[1, g]) * apart[s, g]
         for t in range(s + 1):
-            for g in range(ABREAST):
+            for g in range(apart.shape[1]):
                 more = P[0, s, t, g] - P[1, s, t, g]
                 both = apart[s, g] * apart[t, g]
                 P[0, s, t, g] -= (1.0 - share[0, g]) * (more - share[0, g] * both)
@@ -533,7 +534,7 @@ def _go_there(y, observed, noise, h, parts, pair, P, x, K, weight, gain):
     Ph, nu = np.empty((n, ABREAST)), np.empty(ABREAST)
     for i in range(N):
         predict_covariance(parts, pair, h, P, Ph, noise[i])
-        for g in range(ABREAST):
+        for g in range(len(nu)):
             weight[i, g] = observed[i] / noise[i, g]
             noise[i, g] = observed[i] * noise[i, g] + (1.0 - observed[i])
             for s in range(n):
@@ -543,7 +544,7 @@ def _go_there(y, observed, noise, h, parts, pair, P, x, K, weight, gain):
         for c in range(C):
             nu[:] = y[c, i]
             predict_state(parts, pair, h, x[c], nu)
-            for g in range(ABREAST):
+            for g in range(len(nu)):
                 gain[c, i, g] = nu[g] * weight[i, g]
             update_state(x[c], Ph, gain[c, i])
 
@@ -559,20 +560,20 @@ def _go_back(N, h, back, pair, K, weight, gain, R, D, steps):
     for i in range(N - 1, -1, -1):
         for c in range(C):
             for s in range(n):
-                for g in range(ABREAST):
+                for g in range(len(kDk)):
                     gain[c, i, g] -= K[i, s, g] * R[c, s, g]
             turn(back[0, :n], back[1, :n], pair[:n], R[c])
             for s in range(n):
-                for g in range(ABREAST):
+                for g in range(len(kDk)):
                     R[c, s, g] += h[s] * gain[c, i, g]
         # D = h h' / f + L' D L with L = Phi - K h', of the shift 1 and 0
         kD[:] = 0.0
         for t in range(n + 1):
             for s in range(n):
                 high, low = max(s, t), min(s, t)
-                for g in range(ABREAST):
+                for g in range(len(kDk)):
                     kD[t, g] += D[high, low, g] * K[i, s, g]
-        for g in range(ABREAST):
+        for g in range(len(kDk)):
             kDk[g] = weight[i, g]
             for s in range(n):
                 kDk[g] += K[i, s, g] * kD[s, g]
@@ -580,10 +581,10 @@ def _go_back(N, h, back, pair, K, weight, gain, R, D, steps):
         turn_covariance(back[0], back[1], pair, D)
         for s in range(n + 1):
             for t in range(s + 1):
-                for g in range(ABREAST):
+                for g in range(len(kDk)):
                     D[s, t, g] += (h[s] * h[t] * kDk[g] - h[t] * kD[s, g]
                                    - h[s] * kD[t, g])
-        for g in range(ABREAST):
+        for g in range(len(kDk)):
             steps[i, g] = D[n, n, g]
 
 
