@@ -121,9 +121,9 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     if own:
         before = less_shared(alone, own.distances)
 
-    def measured(acc, trials=trials, before=alone):
+    def measured(acc, near=None, trials=trials, before=alone):
         say("measuring what is left", 2)
-        gap = _surely(full, acc, trials, seed + 1, before)
+        gap = _surely(full, acc, trials, seed + 1, before, near)
         return less_shared(gap, own.distances, before) if own else gap
     start = _with_readings(full, bases, free, shared + new) if new else base
     found = Cause(tuple(r.found._replace(values={
@@ -189,16 +189,16 @@ MOST_ERROR = 0.03    # of a probability, by chance of the simulated records
 MOST_TIMES = 4       # as many of them as usual
 
 
-def _surely(scene, acc, trials, seed, before=None):
+def _surely(scene, acc, trials, seed, before=None, near=None):
     """`distance`, with more simulated records where the probability of something
     unknown hangs on which there are.
     """
-    gap = distance(scene, acc, trials, seed, before=before)
+    gap = distance(scene, acc, trials, seed, before=before, near=near)
     off = unknown_error(gap)
     if trials or off <= MOST_ERROR:
         return gap
     return distance(scene, acc, round(enough_trials(scene) * min(
-        (off / MOST_ERROR)**2, MOST_TIMES)), seed, before=before)
+        (off / MOST_ERROR)**2, MOST_TIMES)), seed, before=before, near=gap)
 
 
 def augmented(d):

@@ -46,7 +46,7 @@ TRIALS = 199    # simulated records behind every p-value
 MOVED = 48      # simulated records behind a move of indirect inference
 MOVES = 24      # moves for a record that readings hide, at most
 THERE = 0.2     # standard deviations, some 1 / sqrt(MOVED): a shorter move is none
-BOUND = 1.0     # of a move
+BOUND = 1.0     # of the first move
 FEWER = (LONG_RECORD, 4), (10 * LONG_RECORD, 5)    # samples from which on so many times
                                                    # fewer must do
 
@@ -84,7 +84,7 @@ class _Setting(NamedTuple):
                          tuple(p.effects[0] for p in parts))
 
 
-def distance(scene, acc, trials=None, seed=0, first=0, before=None):
+def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     """`Gap` of a record to the simulator of an account, put through the same fit.
 
     The record and `trials` simulated ones are filtered at the posterior mean. Refitting
@@ -94,12 +94,12 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None):
     With `first`, of the samples from that one on, which had no part in the fit: nothing
     is taken away, but the simulated records have parameters drawn from the posterior.
     With `before`, the gap to another simulator, the simulated records are held against
-    that one as well.
+    that one as well. `near` is the gap to a like account, if it is known.
     """
     trials = trials or enough_trials(scene)
     setting = _setting(scene, acc, first)
     fit = _Refit(setting, [] if first else free_columns(acc.member.parameters))
-    truth = fit.truth(seed)
+    truth = fit.truth(seed, near)
     simulator = setting.simulator(
         *(acc.sample.nodes(POSTERIOR_NODES) if first else [truth]))
     ruler = _Ruler(fit, _whitened_probes(acc, scene, setting.own[0], setting.late))
@@ -194,40 +194,56 @@ class _Refit(NamedTuple):
         ll = filtered(acc.member, scene, acc.signatures, nodes, masked)
         return ll[:, :-1] - ll[:, -1:] if middle is None else ll - middle
 
-    def truth(self, seed):
-        """Parameters (p,) whose records give this fit.
+    def truth(self, seed, near):
+        """Parameters (p,) whose records give this fit; those of the simulator of a gap
+        `near` were as far from their fit.
 
         The fit ignores what rounding and clipping do beyond a further white noise, and
         the history of a level: indirect inference (C. Gourieroux, A. Monfort,
         E. Renault, J. Appl. Econometrics 8, 1993). What the record does not tell, the
         prior keeps in place. Under a third of clipped samples the fit is dozens of its
-        own standard deviations off: moves grow where they agree.
+        own standard deviations off, and tells less of a change than of itself: slopes
+        are learnt on the way (C. G. Broyden, Math. Comp. 19, 1965), and moves grow
+        where they help.
         """
         acc, free = self.setting.acc, self.free
         truth = acc.theta.copy()
         level = acc.member.jumps(acc.theta[None]).half[0] > 0.0
         if not free or not (acc.readings or level):
             return truth
-        step = self.step[free]
+        if near is not None:
+            like = near.ruler.fit.setting.acc
+            off = dict(zip(like.member.keys, near.theta - like.theta))
+            truth = np.maximum(0.5 * truth, truth + [
+                off.get(key, 0.0) for key in acc.member.keys])
+        step, at = self.step[free], truth[free]
         width = np.array([p.high - p.low for p in acc.member.parameters])[free]
         prior = np.diag(12.0 * (step / width)**2)
-        pace, last = np.ones(len(free)), np.zeros(len(free))
+        bound, least = BOUND, np.inf
         for _ in range(MOVES if acc.readings else 4):
+            truth[free] = at
             # with the same noises, or it would walk about
             _, masked = self.setting.drawn(self.setting.simulator(truth), MOVED,
                                            seed + 100)
             s = self.gains(np.vstack([self.setting.own, masked]))
             s[1:] = _without_tails(s[1:])
-            precision = prior + np.cov(s[1:].T)
-            away = (truth - acc.theta)[free] / step
-            move = np.linalg.solve(precision, s[0] - s[1:].mean(0) - prior @ away)
-            length = max(np.sqrt(move @ precision @ move), 1e-150)
-            if length < THERE:
+            off = s[1:].mean(0) - s[0] + prior @ ((at - acc.theta[free]) / step)
+            if least == np.inf:
+                slope = metric = prior + np.cov(s[1:].T).reshape(len(free), -1)
+            else:
+                moved = (at - best) / step
+                slope = slope + np.outer(
+                    off - missed - slope @ moved, moved) / (moved @ moved)
+            length = np.sqrt(off @ np.linalg.solve(metric, off))
+            bound *= 2.0 if length < least else 0.5
+            if length < least:
+                best, missed, least = at, off, length
+            if least < THERE or bound < THERE:
                 break
-            if acc.readings:    # they tell less of a change than of themselves
-                pace = np.clip(pace * np.where(move * last < 0.0, 0.5, 1.5), 0.25, 9.0)
-            last = pace * move * min(1.0, BOUND / length)
-            truth[free] = np.maximum(truth[free] + last * step, 0.5 * truth[free])
+            move = -np.linalg.pinv(slope) @ missed
+            move *= min(1.0, bound / np.sqrt(move @ metric @ move))
+            at = np.maximum(best + move * step, 0.5 * best)
+        truth[free] = best
         return truth
 
 

@@ -51,7 +51,7 @@ def parts(full, path, acc, closed, before, after, measured):
     out, result = standing_out(before), []
     for number, one in enumerate(path.found):
         less = without(full, acc, path.found, number)
-        gap = measured(less, TRIALS_WITHOUT, None)
+        gap = measured(less, after, TRIALS_WITHOUT, None)
         share = (gap.rms(out) - after.rms(out)) / (before.rms(out) - 1.0) if (
             out.any()) else (acc.log_evidence - less.log_evidence) / path.log_bayes
         result.append(Part(float(np.clip(share, 0.0, 1.0)),

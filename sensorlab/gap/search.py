@@ -34,8 +34,9 @@ def search(full, start, readings, effects, before, measured, shared):
     """`Search` from an account with the readings of a record on, which are a `Cause`,
     until nothing more is found.
 
-    `measured` gives the `Gap` to an account; `shared` tells whether the simulator's own
-    records show an effect, too: then it is described, but nothing that is missing.
+    `measured` gives the `Gap` to an account, quicker beside that to a like one;
+    `shared` tells whether the simulator's own records show an effect, too: then it is
+    described, but nothing that is missing.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     added, doubtful, leaves, after, left = 0, 0, {}, before, 0.0
@@ -58,13 +59,13 @@ def search(full, start, readings, effects, before, measured, shared):
             if one.effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
                                                *acc.signatures[:-1]))
-            after = measured(acc)
+            after = measured(acc, after)
             continue
         added += 1
         acc, path = look.account, _joined(path, found[0])
         leaves.pop(path.effect)
         acc, path, leaves = _without_needless(full, acc, path, leaves, look.prior)
-        last, after = after, measured(acc)
+        last, after = after, measured(acc, after)
         needed = stays_needed(path.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
     return Search(acc, path, {**leaves, path.effect: path}, after, left)
