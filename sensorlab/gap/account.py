@@ -1,5 +1,6 @@
 """An account: what a record is explained by, and the simulator that this implies."""
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, onset_law
 from sensorlab.gap.filters import log_likelihoods, predict, solve
+from sensorlab.gap.screens import law_of_outliers, usual_variance
 from sensorlab.gap.spectra import posterior_law
 
 
@@ -86,27 +88,82 @@ def central(sample, log_likelihood):
 
 
 def guesses_from(past, number, h, scene, signatures):
-    """Pairs of mean and covariance that the free parameters of a hypothesis, or the
-    first of them, may have in the coordinates of `integrate`.
+    """Pairs of mean (d,) and covariance (d, d) that the free parameters of a hypothesis
+    may have in the coordinates of `integrate`: as they were, or as spectra tell.
     """
     other, sample = past.hypotheses[number], past.samples[number]
-    own, before = free_columns(h.parameters), free_columns(other.parameters)
-    if not own or not before and h.is_patchy:
+    keys = [h.keys[c] for c in free_columns(h.parameters)]
+    if not keys:
         return ()
+    before = free_columns(other.parameters)
+    known = {other.keys[b]: axis for axis, b in enumerate(before) if any(
+        key == other.keys[b] and _is_same(p, other.parameters[b])
+        for key, p in zip(h.keys, h.parameters))}
     mean, cov = sample.law if before else (np.zeros(0), np.zeros((0, 0)))
-    same = {h.keys[c]: axis for axis, key in enumerate(other.keys[b] for b in before)
-            for c in own if h.keys[c] == key and _is_same(
-                h.parameters[c], other.parameters[before[axis]])}
-    axes = [same.get(h.keys[c]) for c in own]
-    first = axes[:axes.index(None) if None in axes else None]
-    result = [(mean[first], cov[np.ix_(first, first)])] if first else []
-    if h.is_patchy or axes == [*range(len(mean))] and len(
+    axes = list(known.values())
+    kept = _spread(keys, list(known), mean[axes], cov[np.ix_(axes, axes)])
+    result = [kept] if known else []
+    if h.has_free_onsets or len(keys) == len(known) == len(before) and len(
             signatures) == len(past.signatures):
         return result
     # where what is new is weak, all else is as it was; where not, its spectrum tells
-    return [*result, posterior_law(
-        h, scene, signatures, other, sample.theta[sample.log_likelihood[:, 0].argmax()],
-        {key: mean[axis] for key, axis in same.items()})]
+    theta = sample.theta[sample.log_likelihood[:, 0].argmax()]
+    twin, its_other = _as_processes(h), _as_processes(other)
+    odd, law = _odd(h, scene, signatures, other, theta)
+    told = posterior_law(
+        twin, scene._replace(y=np.where(odd > 0.5, np.nan, scene.y)), signatures,
+        its_other, other.matching(its_other, theta),
+        {key: mean[axis] for key, axis in known.items()})
+    free = [twin.keys[c] for c in free_columns(twin.parameters)]
+    return [*result, _spread(keys, free, *told, _spread(keys, *law, kept))]
+
+
+def _spread(keys, own, mean, cov, rest=None):
+    """The law of some parameters as one of all of them, independent of those of the
+    rest, which are as in the law `rest`, or standard normal.
+    """
+    whole, square = (np.zeros(len(keys)), np.eye(len(keys))) if rest is None else (
+        part.copy() for part in rest)
+    at = [keys.index(key) for key in own]
+    whole[at] = mean
+    square[at], square[:, at] = 0.0, 0.0
+    square[np.ix_(at, at)] = cov
+    return whole, square
+
+
+@functools.cache
+def _as_process(effect):
+    """A level of two values as a process of its covariance."""
+    def model(scene, filt, **values):
+        jumps = effect.jumps(scene.dt, **values)
+        return _level_as_noise(scene, filt, jumps.change, jumps.half)
+    return effect._replace(model=model, jumps=None, elementwise=True)
+
+
+def _as_processes(h):
+    """A hypothesis without outliers, its levels as processes."""
+    return h._replace(effects=tuple(
+        one._replace(effect=_as_process(one.effect)) if one.effect.jumps else one
+        for one in h.effects if one.name != "outliers"))
+
+
+def _odd(h, scene, signatures, other, theta):
+    """Probability (N,) that samples are outliers, if a hypothesis has them; keys, mean
+    and covariance of their parameters if another, which is at theta (p,), has none.
+    """
+    nothing = (), np.zeros(0), np.zeros((0, 0))
+    (own,) = [one for one in h.effects if one.name == "outliers"] or (None,)
+    if own is None:
+        return np.zeros(len(scene.y)), nothing
+    seen = predict(other, scene, signatures, theta[None])
+    if any(one.name == "outliers" for one in other.effects):
+        return seen.odd[0, 0], nothing
+    z = seen.z[0, 0]
+    variance = usual_variance(z, seen.log_score[0, 0])
+    if np.isnan(variance):
+        return np.zeros(len(z)), nothing
+    odd, *law = law_of_outliers(scene, own.effect, z, variance)
+    return odd, ([(own.key, symbol) for symbol in own.values], *law)
 
 
 def _is_same(p, q):

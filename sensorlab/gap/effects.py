@@ -214,9 +214,9 @@ class Member(NamedTuple):
                 if one.effect.search == "onset"]
 
     @property
-    def is_patchy(self):
-        """Is it no stationary Gaussian process, which its spectrum would tell?"""
-        return self.has_jumps or any(
+    def has_free_onsets(self):
+        """Does its noise change at a time that is not known?"""
+        return any(
             p.free for key, p in zip(self.keys, self.parameters) if key in self.onsets)
 
     def fixed(self, known):

@@ -142,9 +142,9 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         Gives (M, E): log-likelihoods of E rival explanations, whose sum is sampled.
     parameters : tuple of Parameter
         One with a `log_ratio` is drawn from another law than its prior.
-    guesses : sequence of (k,) and (k, k) array, optional
-        Means and covariances that the first k free parameters may have, in the
-        coordinates where the prior is standard normal.
+    guesses : sequence of (d,) and (d, d) array, optional
+        Means and covariances that the d free parameters may have, in the coordinates
+        where the prior is standard normal.
     move : function of theta (M, p), optional
         Gives theta mapped to where the mass is, and the log of the prior density there
         over that of what is mapped, (M,).
@@ -215,16 +215,11 @@ def _first_points(d, guesses, few, rng):
     """Points of a Latin hypercube of the prior, and of guesses if there are any; the
     proposals that they come from.
     """
-    # few of the prior where a whole guess may do better
-    count = (ROUND if not guesses else
-             few if all(len(mean) < d for mean, _ in guesses) else few // 4)
+    count = few // 4 if guesses else ROUND
     x = [ndtri(LatinHypercube(d, rng=rng).random(count))]
     proposals = [(count, _log_normal)]
-    for own, own_cov in guesses:
-        k = len(own)
-        mean, cov = np.zeros(d), np.eye(d)
-        mean[:k], cov[:k, :k] = own, own_cov
-        more, density = _drawn(mean, cov, few, rng)
+    for law in guesses:
+        more, density = _drawn(*law, few, rng)
         x.append(more)
         proposals.append((few, density))
     return np.vstack(x), proposals

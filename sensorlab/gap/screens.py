@@ -3,13 +3,14 @@ noise. Where they see nothing, the filters that would tell exactly need not run.
 """
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import LOG_2PI
 
 FEW = -2.0        # ln B below which a screen has the last word
 ONSETS = 2048     # at most, that are tried
 RATIOS = 33       # values of a parameter that are tried
+NORMAL_MEDIAN = 0.6745    # of |z|
 SCALES = np.geomspace(0.5, 1.05, 25)    # of the other samples, where some are outliers
 
 
@@ -68,6 +69,25 @@ def _outliers(scene, values, z, variance):
         best = np.maximum(best, np.log(law + 1e-300) @ count)
     scale = np.sqrt(square @ count / count.sum())
     return best - count @ (-0.5 * square / scale**2 - np.log(scale))
+
+
+def law_of_outliers(scene, effect, z, variance):
+    """Probability (N,) that samples of these normal scores are outliers; mean (2,) and
+    covariance (2, 2) of rate and sigma in coordinates where their prior is N(0, I).
+    """
+    u = (np.arange(RATIOS) + 0.5) / RATIOS
+    priors = effect.parameters(scene)
+    gain = _outliers(scene, [p.quantile(u) for p in priors], z, variance)
+    x = np.stack(np.meshgrid(ndtri(u), ndtri(u), indexing="ij"), -1).reshape(-1, 2)
+    w = np.exp(gain - logsumexp(gain)).ravel()
+    mean, cov = w @ x, np.cov(x.T, aweights=w, ddof=0) + np.eye(2) / RATIOS
+    rate, sigma = (p.quantile(ndtr(m)) for p, m in zip(priors, mean))
+    own = (np.nanmedian(np.abs(z)) / NORMAL_MEDIAN)**2
+    other = own + sigma**2 / variance
+    with np.errstate(over="ignore"):
+        odds = (1.0 - rate) / rate * np.sqrt(other / own) * np.exp(
+            -0.5 * z**2 * (1.0 / own - 1.0 / other))
+    return np.nan_to_num(1.0 / (1.0 + odds)), mean, cov
 
 
 SCREENS = dict(noise_step=_change_of_noise, outliers=_outliers)
