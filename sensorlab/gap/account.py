@@ -10,7 +10,7 @@ from sensorid import Parameter, brief, free_columns, probabilities
 from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, onset_law
-from sensorlab.gap.filters import log_likelihoods, predict, solve
+from sensorlab.gap.filters import estimated, log_likelihoods, predict
 from sensorlab.gap.screens import law_of_outliers, usual_variance
 from sensorlab.gap.spectra import posterior_law
 
@@ -255,7 +255,7 @@ def _with_sizes(acc, scene, theta):
     masked, hypotheses = gaussian(scene, acc)
     plain = hypotheses[acc.best]
     at = acc.member.matching(plain, theta)[None]
-    sizes, result = iter(solve(plain, masked, acc.signatures, at).size[0, 1:]), []
+    sizes, result = iter(estimated(plain, masked, acc.signatures, at).size[0]), []
     for s in acc.signatures:
         size = [next(sizes) for _ in range(s.columns.shape[1])]
         values = {**s.found.values, s.found.effect.size: np.hypot(*size)

@@ -199,11 +199,7 @@ def log_likelihoods(h, scene, signatures, theta):
     """ln f(Y / theta) (M,): through the bank, unless there are jumps."""
     if h.has_jumps:
         return filtered(h, scene, signatures, theta, scene.y[None])[0]
-    columns = [scene.y, *(c for s in signatures for c in s.columns.T)]
-    variance = constants(h, signatures)
-    gram = products(h, scene, columns, theta)
-    return marginal(gram.products, gram.log_det, gram.count, np.append(
-        variance[1:], variance[0])).log_likelihood
+    return estimated(h, scene, signatures, theta).log_likelihood
 
 
 class Marginal(NamedTuple):
@@ -225,6 +221,17 @@ def marginal(gram, log_det, count, variance):
     chi2 = gram[:, 0, 0] - (gram[:, 1:, 0] * size).sum(1)
     return Marginal(-0.5 * (count * LOG_2PI + log_det + np.linalg.slogdet(inner)[1]
                             + chi2), size, covariance)
+
+
+def estimated(h, scene, signatures, theta):
+    """`Marginal` of a hypothesis without jumps: over the sizes of signature columns,
+    then the bias.
+    """
+    columns = [scene.y, *(c for s in signatures for c in s.columns.T)]
+    variance = constants(h, signatures)
+    gram = products(h, scene, columns, theta)
+    return marginal(gram.products, gram.log_det, gram.count, np.append(
+        variance[1:], variance[0]))
 
 
 class Gram(NamedTuple):
