@@ -5,6 +5,8 @@ import pytest
 from conftest import DT
 
 import sensorlab
+from sensorlab.gap.distance import distance
+from sensorlab.gap.twins import less_shared
 
 
 def sensor(rng, n=2000, sigma=0.5):
@@ -38,6 +40,19 @@ def test_what_both_have_is_no_gap_and_what_one_has_is(known):
     other[900:] += 1.0
     assert "bias_step" in sensorlab.diagnose(other, DT, simulator, simulated=y[None]
                                              ).verdict.split("+")
+
+
+def test_gaps_measured_with_more_records_than_before_stand_beside_each_other(known):
+    y, simulator = known
+    d = sensorlab.diagnose(y, DT, simulator)
+    before = distance(d.scene, d.base, 40)
+    after = distance(d.scene, d.base, 60, before=before)
+    own = before.ruler.measured(y[None] - d.scene.known)
+    gap = less_shared(after, own, before)
+    assert len(gap.null) == len(gap.beside) == 60
+    # of one record, the other of each is the one before it
+    assert np.allclose(gap.beside[41] * np.sqrt(2.0),
+                       after.beside[41] - before.null[0])
 
 
 def test_few_records_tell_how_wide_their_parameters_spread():

@@ -78,7 +78,8 @@ def less_shared(gap, own, before=None):
     wide = np.sqrt((1.0 + 1.0 / L) * spread**2 + (UNLIKE * mean)**2)
 
     def less(d, null):    # records of a simulator beside as many others of it
-        others = np.mean([np.roll(null, k + 1, axis=0) for k in range(L)], axis=0)
+        others = np.mean([null[(np.arange(len(d)) - k - 1) % len(null)]
+                          for k in range(L)], axis=0)
         return (d - others) / np.sqrt(1.0 + 1.0 / L)
     null = less(gap.null, gap.null)
     d = (gap.distance - mean) / wide
