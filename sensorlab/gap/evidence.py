@@ -86,7 +86,6 @@ ROUND = 2 * GROUP         # points of a round; the bank takes whole groups
 MAX_ROUNDS = 18
 ENOUGH_POINTS = 60.0      # effective ones at which the evidence is good to 0.13 nat
 CLIMB_AFTER = 1           # rounds in which no mode was found, where none is guessed
-WELL_PLACED = 8.0         # points of which one counts where all do somewhat
 MISSED_NATS = 2.0         # that a mode is above all points of a sample that missed it
 HOPELESS_NATS = 3.0       # below a rival: what the mean evidence would hardly notice
 NOTHING = -1e100          # log-likelihood where a filter breaks down
@@ -196,8 +195,7 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
             below > 3.0 * HOPELESS_NATS and attempt > patience + 1)
         if effective >= enough or hopeless:
             break
-        lost = effective < min(5.0 * (d + 1), len(points.x) / WELL_PLACED)
-        if attempt in (patience, patience + 1) and missed and lost:
+        if attempt in (patience, patience + 1) and missed and not found:
             start, height = _highest(points, modes)
             modes.append(climb(lambda x: located(x).log_posterior, start))
             top = located(modes[-1][0][None]).log_posterior[0]
