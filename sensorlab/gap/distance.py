@@ -351,6 +351,7 @@ def _whitened_probes(acc, scene, y, late):
 def _tail(largest):
     """p-value of the first of several maxima among the others: Gumbel's law."""
     null = largest[1:]
-    scale = np.std(null, ddof=1) * np.sqrt(6.0) / np.pi
+    # all may be the same: none of the records has what some count
+    scale = max(np.std(null, ddof=1), 1e-9) * np.sqrt(6.0) / np.pi
     e = (largest[0] - np.mean(null)) / scale + np.euler_gamma
     return float(max(-np.expm1(-np.exp(-e)), 1e-15))

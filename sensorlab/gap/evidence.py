@@ -85,7 +85,7 @@ def moments(w, x):
 ROUND = 2 * GROUP         # points of a round; the bank takes whole groups
 MAX_ROUNDS = 18
 ENOUGH_POINTS = 60.0      # effective ones at which the evidence is good to 0.13 nat
-CLIMB_AFTER = 1           # rounds in which no mode was found, where none is guessed
+ROUNDS_TO_CLIMB = 1       # in which no mode was found, where none is guessed
 MISSED_NATS = 2.0         # that a mode is above all points of a sample that missed it
 HOPELESS_NATS = 3.0       # below a rival: what the mean evidence would hardly notice
 NOTHING = -1e100          # log-likelihood where a filter breaks down
@@ -185,11 +185,11 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
     few, enough = round(effort * ROUND), effort * ENOUGH_POINTS
     x, proposals = _first_points(d, guesses, few, rng)
     points, modes, missed = located(x), [], True
-    patience = 0 if guesses else CLIMB_AFTER
+    patience = round(ROUNDS_TO_CLIMB / effort) - bool(guesses)    # a climb costs many
     for attempt in range(MAX_ROUNDS):
         log_weight = points.log_weight(proposals)
         effective = 1.0 / np.sum(normalized(points.total + log_weight)**2)
-        found = effective >= 5.0 * (d + 1)
+        found = effective >= min(5.0 * (d + 1), 0.5 * enough)
         below = floor - logsumexp(points.total + log_weight)
         hopeless = below > HOPELESS_NATS and effective >= 2.0 * (d + 1) or (
             below > 3.0 * HOPELESS_NATS and attempt > patience + 1)
