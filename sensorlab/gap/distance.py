@@ -235,13 +235,14 @@ class _Refit(NamedTuple):
                 slope = slope + np.outer(
                     off - missed - slope @ moved, moved) / (moved @ moved)
             length = np.sqrt(off @ np.linalg.solve(metric, off))
-            bound *= 2.0 if length < least else 0.5
+            bound = 2.0 * bound if length < least else 0.5 * min(bound, taken)
             if length < least:
                 best, missed, least = at, off, length
             if least < THERE or bound < THERE:
                 break
             move = -np.linalg.pinv(slope) @ missed
-            move *= min(1.0, bound / np.sqrt(move @ metric @ move))
+            taken = np.sqrt(move @ metric @ move)
+            move *= min(1.0, bound / taken)
             at = np.maximum(best + move * step, 0.5 * best)
         truth[free] = best
         return truth
