@@ -2583,6 +2583,11 @@ class Misfit(NamedTuple):
     sd: float        # difference in standard deviations
     sentence: str
 
+    @property
+    def described(self):
+        """Is the model a description of the record, as far as is known?"""
+        return self.sd is None or abs(self.sd) <= 5.0
+
 
 def allan_misfit(y, dt, estimate):
     """Largest difference between the Allan deviations of a record and of its model.
@@ -2606,12 +2611,12 @@ def allan_misfit(y, dt, estimate):
     z = np.log(adev / model) * np.sqrt(2.0 * np.maximum(edf, 1.0))
     worst = int(np.abs(z).argmax())
     ratio = float(adev[worst] / model[worst])
-    sentence = ("Allan deviation of the record over that of the most probable model: "
-                f"{ratio:.3g} at tau = {tau[worst]:g} s, {abs(z[worst]):.1f} "
-                "standard deviations, the largest of all octaves")
-    if abs(z[worst]) > 5.0:
-        sentence += "\nno hypothesis describes this record: something is left out"
-    return Misfit(float(tau[worst]), ratio, float(z[worst]), sentence)
+    misfit = Misfit(float(tau[worst]), ratio, float(z[worst]), (
+        "Allan deviation of the record over that of the most probable model: "
+        f"{ratio:.3g} at tau = {tau[worst]:g} s, {abs(z[worst]):.1f} standard "
+        "deviations, the largest of all octaves"))
+    return misfit if misfit.described else misfit._replace(sentence=misfit.sentence + (
+        "\nno hypothesis describes this record: something is left out"))
 
 
 # ---- 7. Front door -------------------------- a plain CSV, where this file is alone

@@ -89,7 +89,7 @@ def _hypothesis_from(where, entry, tree):
         except ValueError as wrong:
             raise ValueError(f"{where}.effects[{k}]: {wrong}") from None
         if any(one.effect == effects[-1].effect for one in effects[:-1]
-               if not one.effect.columns and one.effect.search != "band"):
+               if not one.effect.may_repeat):
             raise ValueError(f"{where}.effects[{k}]: {part['name']} is there twice: "
                              "once is all that it can be")
     return h, tuple(effects)

@@ -69,7 +69,7 @@ def _one(options, model, record, names, plt):
     show(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing",
          Table(SUMMARY, tuple(summary_rows(posterior, unit)), (1,)),
          decided(posterior), misfit.sentence)
-    if "no hypothesis describes" in misfit.sentence and not model:
+    if not (misfit.described or model):
         print("identify --compose says what its noise is the sum of")
     if quotes:
         show(f"{best.hypothesis.name}:", quote_table(quotes))

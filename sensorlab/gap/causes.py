@@ -361,7 +361,7 @@ def _has_room(effect, acc):
     """Is there room for a process or jumps that are not there yet? There may be several
     bands.
     """
-    if effect.search != "band" and any(
+    if not effect.may_repeat and any(
             one.name == effect.name for one in acc.member.effects) or any(
             effect.name == h.hypothesis.model.__name__ for h in acc.hypotheses):
         return False

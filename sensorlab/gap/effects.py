@@ -87,6 +87,11 @@ class Effect(NamedTuple):
     resembles: str = ""         # what it is confused with
     experiment: str = ""        # what tells them apart
 
+    @property
+    def may_repeat(self):
+        """May a simulator have several?"""
+        return bool(self.columns) or self.search == "band"
+
     def __repr__(self):
         return f"Effect({self.name!r})"
 

@@ -84,7 +84,7 @@ def identification(record, posterior, report_units=None, misfit=None):
             settled=e.settled)
             for k, e in enumerate(posterior.estimates)],
         allan_misfit=dict(tau=misfit.tau, ratio=misfit.ratio, sd=misfit.sd),
-        described="no hypothesis describes" not in misfit.sentence,
+        described=misfit.described,
         quoted=[] if report_units is None else [q._asdict() for q in quoted(
             estimated(posterior.best), dt, record.unit, report_units)])
 
