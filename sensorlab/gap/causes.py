@@ -314,8 +314,7 @@ def estimated_together(full, acc, path):
                 float(size[0] if len(size) == 1 else np.hypot(*size)),
                 float(np.sqrt(np.mean(sd**2))))}
         elif _is_single(one):
-            symbol = one.values["parameter"][0]
-            values = dict(factor=_factor(symbol, acc.bases, acc))
+            values = dict(factor=_factor(_wrong_key(one), acc.bases, acc))
         else:
             values = {} if one.effect.reading else _values(
                 _inside(acc, path.found, number), acc)
@@ -341,10 +340,10 @@ def without(full, acc, found, number):
         at = len(signatures) - sum(bool(f.effect.columns) for f in found[number:])
         signatures = signatures[:at] + signatures[at + 1:]
     elif _is_single(one):
-        symbol = one.values["parameter"][0]
-        hypotheses = [h._replace(hypothesis=h.hypothesis._replace(parameters=tuple(
-            old if old.symbol == symbol else p
-            for p, old in zip(h.hypothesis.parameters, base.hypothesis.parameters))))
+        key = _wrong_key(one)
+        hypotheses = [
+            h if _column(base, key) is None else h.with_prior(
+                key, base.parameters[_column(base, key)])
             for h, base in zip(hypotheses, acc.bases)]
     else:
         key = one.name if one.effect.reading else _inside(acc, found, number).key
@@ -375,18 +374,17 @@ def _with_wrong_parameters(scene, acc, effect):
 
     A range is left alone unless the record pushes against one of its ends.
     """
-    symbols = dict.fromkeys(p.symbol for h in acc.hypotheses
-                            for p in h.hypothesis.parameters)
-    for symbol in symbols:
-        widened = [_widened(h, sample, symbol, effect.factor)
+    for key in dict.fromkeys(key for base in acc.bases for key in base.keys):
+        widened = [_widened(h, sample, key, effect.factor)
                    for h, sample in zip(acc.hypotheses, acc.samples)]
         if not any(pushed for _, pushed in widened):
             continue
         wide = account(scene, acc.bases, [h for h, _ in widened], acc.signatures,
                        acc.readings, acc)
-        yield _Rival(effect, symbol, _log_bayes(wide, acc), account=wide,
-                     values=dict(parameter=(symbol, 0.0),
-                                 factor=_factor(symbol, acc.hypotheses, wide)))
+        name = ".".join(filter(None, key))
+        yield _Rival(effect, name, _log_bayes(wide, acc), account=wide,
+                     values=dict(parameter=(name, 0.0),
+                                 factor=_factor(key, acc.hypotheses, wide)))
 
 
 ALL = "all"    # standard deviations, by one factor
@@ -395,6 +393,12 @@ ALL = "all"    # standard deviations, by one factor
 def _is_single(one):
     """Is it a single parameter that is wrong?"""
     return one.effect.factor and one.values["parameter"][0] != ALL
+
+
+def _wrong_key(one):
+    """Key (effect, symbol) of the single parameter that is wrong; "" is no effect."""
+    effect, _, symbol = one.values["parameter"][0].rpartition(".")
+    return effect, symbol
 
 
 def _with_wrong_scale(scene, acc, effect):
@@ -448,23 +452,26 @@ class Beyond(NamedTuple):
         return self.most
 
 
-def _column(h, symbol):
-    """Number of a parameter of the base of a hypothesis, or None."""
-    return next((column for column, p in enumerate(h.hypothesis.parameters)
-                 if p.symbol == symbol and p.high > 0.0), None)
+def _column(h, key):
+    """Number of a parameter of a hypothesis, or None."""
+    return next((column for column, (own, p) in enumerate(zip(h.keys, h.parameters))
+                 if own == key and p.high > 0.0), None)
 
 
-def _widened(h, sample, symbol, factor):
-    """The hypothesis with a wide prior of one parameter; does the record push for it?
+def _widened(h, sample, key, factor):
+    """The hypothesis with a wide prior of one parameter, as wide as an effect allows;
+    does the record push for it?
     """
-    column = _column(h, symbol)
+    column = _column(h, key)
     if column is None:
         return h, False
-    base, p = h.hypothesis, h.parameters[column]
-    wide = Beyond(symbol, p.low / factor, p.high * factor, p.low, p.high)
-    return h._replace(hypothesis=base._replace(parameters=(
-        *base.parameters[:column], wide, *base.parameters[column + 1:]))), _pushed(
-            p, sample, column)
+    p, (effect, symbol) = h.parameters[column], key
+    low, high = p.low / factor, p.high * factor
+    for prior in [prior for one in h.effects if one.key == effect
+                  for prior in one.effect.parameters(h.scene) if prior.symbol == symbol]:
+        low, high = min(prior.low, p.low), max(prior.high, p.high)
+    return h.with_prior(key, Beyond(symbol, low, high, p.low, p.high)), _pushed(
+        p, sample, column)
 
 
 def _pushed(p, sample, column):
@@ -474,9 +481,9 @@ def _pushed(p, sample, column):
         min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd)
 
 
-def _factor(symbol, hypotheses, wide):
+def _factor(key, hypotheses, wide):
     """A parameter over what hypotheses have, or its nearest end: mean, sd."""
-    column = _column(wide.member, symbol)
+    column = _column(wide.member, key)
     if column is None:
         return 1.0, 0.0
     p, mean = hypotheses[wide.best].parameters[column], wide.sample.mean[column]

@@ -124,7 +124,10 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     def measured(acc, near=None, trials=trials, before=alone):
         say("measuring what is left", 2)
         gap = _surely(full, acc, trials, seed + 1, before, near)
-        return less_shared(gap, own.distances, before) if own else gap
+        if own is None:
+            return gap
+        own.follow(gap, acc)
+        return less_shared(gap, own.distances, before)
     start = _with_readings(full, bases, free, shared + new) if new else base
     found = Cause(tuple(r.found._replace(values={
         symbol: (value, 0.0) for symbol, value in r.found.values.items()})

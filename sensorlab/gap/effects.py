@@ -244,6 +244,16 @@ class Member(NamedTuple):
         last = max((e.number for e in self.effects if e.name == one.name), default=0)
         return self._replace(effects=(*self.effects, one._replace(number=last + 1)))
 
+    def with_prior(self, key, prior):
+        """The same with another prior of the parameter (effect, symbol)."""
+        effect, symbol = key
+        if effect:
+            return self._replace(effects=tuple(
+                one._replace(values={**one.values, symbol: prior})
+                if one.key == effect else one for one in self.effects))
+        return self._replace(hypothesis=self.hypothesis._replace(parameters=tuple(
+            prior if p.symbol == symbol else p for p in self.hypothesis.parameters)))
+
     def matching(self, other, theta):
         """Parameters (p,) of another member that are those of this one at theta, or
         fixed.

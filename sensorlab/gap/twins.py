@@ -16,11 +16,11 @@ class Twins:
 
     def __init__(self, full, base, gap, records):
         records = np.atleast_2d(np.asarray(records, float))
-        known = np.resize(full.known, records.shape[1])
-        self.distances = _of_others(gap, records - known)
+        self.records = records - np.resize(full.known, records.shape[1])
+        self.distances = _of_others(gap, self.records)
         scene = full.cut(slice(records.shape[1]))
-        self.scene = as_read(scene._replace(
-            y=(records[0] - known)[:len(scene.y)]), base.readings)
+        self.scene = as_read(scene._replace(y=self.records[0, :len(scene.y)]),
+                             base.readings)
         self.account = account(
             self.scene, base.bases, base.hypotheses,
             tuple(s._replace(columns=s.columns[:len(scene.y)])
@@ -38,6 +38,18 @@ class Twins:
             return False
         self.account = look.account    # described as the record is
         return True
+
+
+    def follow(self, gap, acc):
+        """Measure them by the ruler of a gap to an account that describes them, too."""
+        if _inside(acc) == _inside(self.account):
+            self.distances = _of_others(gap, self.records)
+
+
+def _inside(acc):
+    """Names of all effects of an account."""
+    return sorted([*(one.key for one in acc.member.effects), *(
+        s.found.name for s in acc.signatures)])
 
 
 ALIKE = 3.0     # standard errors by which two estimates of one parameter may differ

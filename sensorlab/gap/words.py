@@ -38,7 +38,9 @@ def phrase(effect, found=()):
     if one and effect == "hysteresis":
         return f"a hysteresis in {one.column}"
     if one and effect == "wrong_parameter" and "parameter" in one.values:
-        return f"the right value of {one.values['parameter'][0]}"
+        effect, _, symbol = one.values["parameter"][0].rpartition(".")
+        return f"the right {symbol} of its {effect.replace('_', ' ')}" if effect else (
+            f"the right value of {symbol}")
     return PHRASES.get(effect, effect.replace("_", " "))
 
 
