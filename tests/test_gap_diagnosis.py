@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sensorid
 import sensorlab
 from sensorlab import Found, Scene
-from sensorlab.gap import account, causes, diagnosis, effects
+from sensorlab.gap import account, causes, diagnosis, effects, words
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
 
@@ -184,6 +184,23 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     assert d.found[0].values["parameter"][0] == "sigma_v"
     factor, sd = d.found[0].values["factor"]
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
+
+
+def test_a_parameter_of_an_effect_of_the_simulator_may_be_wrong():
+    band = sensorlab.CATALOGUE["narrow_band_noise"]
+    said, true = (sensorlab.Simulator((h,), ((Found(band, values=account.fixed(
+        frequency=f, tau=20.0 * DT, sigma=0.3)),),))
+        for f in (0.2 / DT, 0.25 / DT)
+        for h in [sensorid.hypothesis("white_noise", sigma_v=0.5)])
+    y = sensorlab.simulate_effects(true, Scene(np.zeros(2000), DT, {}), seed=8).error[0]
+    d = sensorlab.diagnose(y, DT, said)
+    assert d.verdict == "wrong_parameter"
+    assert d.found[0].values["parameter"][0] == "narrow_band_noise.frequency"
+    factor, sd = d.found[0].values["factor"]
+    assert abs(factor - 1.25) < 3.0 * sd < 0.1
+    assert "the right frequency of its narrow band noise" in words.headline(d)
+    again = sensorlab.diagnose(y, DT, sensorlab.augmented(d))
+    assert again.verdict == "none"
 
 
 def test_wrong_units_are_one_factor_on_all_standard_deviations():
