@@ -213,10 +213,10 @@ class _Refit(NamedTuple):
             return truth
         if near is not None:
             like = near.ruler.fit.setting.acc
-            off = dict(zip(like.member.keys, near.theta - like.theta))
+            apart = dict(zip(like.member.keys, near.theta - like.theta))
             truth = np.maximum(0.5 * truth, truth + [
-                off.get(key, 0.0) for key in acc.member.keys])
-        step, at = self.step[free], truth[free]
+                apart.get(key, 0.0) for key in acc.member.keys])
+        step, at, best = self.step[free], truth[free], truth[free]
         width = np.array([p.high - p.low for p in acc.member.parameters])[free]
         prior = np.diag(12.0 * (step / width)**2)
         bound, least = BOUND, np.inf
@@ -235,6 +235,8 @@ class _Refit(NamedTuple):
                 slope = slope + np.outer(
                     off - missed - slope @ moved, moved) / (moved @ moved)
             length = np.sqrt(off @ np.linalg.solve(metric, off))
+            if not np.isfinite(length):    # no such simulator
+                break
             bound = 2.0 * bound if length < least else 0.5 * min(bound, taken)
             if length < least:
                 best, missed, least = at, off, length
