@@ -467,9 +467,10 @@ def _widened(h, sample, key, factor):
         return h, False
     p, (effect, symbol) = h.parameters[column], key
     low, high = p.low / factor, p.high * factor
-    for prior in [prior for one in h.effects if one.key == effect
-                  for prior in one.effect.parameters(h.scene) if prior.symbol == symbol]:
-        low, high = min(prior.low, p.low), max(prior.high, p.high)
+    for one in h.effects:
+        if one.key == effect:
+            (prior,) = [q for q in one.effect.parameters(h.scene) if q.symbol == symbol]
+            low, high = min(prior.low, p.low), max(prior.high, p.high)
     return h.with_prior(key, Beyond(symbol, low, high, p.low, p.high)), _pushed(
         p, sample, column)
 
