@@ -310,6 +310,7 @@ class Hypothesis(NamedTuple):
     model: Callable[..., ShapingFilter]
     parameters: tuple
     bias_sigma: float
+    bias_given: bool = True    # or a record may widen it
 
     def filter(self, dt, theta):
         """Shaping filter at one value of the parameters."""
@@ -322,7 +323,7 @@ class Hypothesis(NamedTuple):
         return self.model in SUMS
 
 
-def hypothesis(model, name=None, bias_sigma=1.0, prior="uniform", **parameters):
+def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters):
     """Hypothesis h_k of Eqs. (1)-(2): a shaping filter, a bias and priors.
 
     Parameters
@@ -332,8 +333,9 @@ def hypothesis(model, name=None, bias_sigma=1.0, prior="uniform", **parameters):
         `shaping_filter`. Parameters called sigma_* are standard deviations.
     name : str, optional
         Label in tables and legends, by default the name of the model.
-    bias_sigma : float >= 0
-        The constant bias is drawn from N(0, bias_sigma^2), u.
+    bias_sigma : float >= 0, optional
+        The constant bias is drawn from N(0, bias_sigma^2), u. By default 1, as in the
+        paper; `identify` widens this default to the offset of a record if it is larger.
     prior : "uniform" or "log"
         Law of every parameter given as a range.
     **parameters : float, (low, high) or Parameter
@@ -375,12 +377,14 @@ def hypothesis(model, name=None, bias_sigma=1.0, prior="uniform", **parameters):
             + [f"{s} is none of them" for s in strange]))
     if prior not in ("uniform", "log"):
         raise ValueError(f"prior {prior!r} of {name} is neither 'uniform' nor 'log'")
+    bias_given, bias_sigma = bias_sigma is not None, (
+        1.0 if bias_sigma is None else bias_sigma)
     if not 0.0 <= as_number(bias_sigma, f"bias_sigma of {name}") < np.inf:
         raise ValueError(f"bias_sigma = {bias_sigma} of {name} "
                          "is not a finite number >= 0")
     priors = tuple(as_parameter(name, s, parameters[s], prior)
                    for s in known if s in parameters)
-    h = Hypothesis(name, model, priors, float(bias_sigma))
+    h = Hypothesis(name, model, priors, float(bias_sigma), bias_given)
     at_most = h.filter(1.0, [p.high for p in priors])
     if not (at_most.Gamma.any() or at_most.Psi.any() or at_most.P0.any()):
         raise ValueError(f"all noises of {name} are zero: "
@@ -1831,11 +1835,22 @@ def identify(y, dt, hypotheses=None, progress=None):
     hypotheses = tuple(hypotheses or default_hypotheses(y, dt))
     estimates = []
     for h in hypotheses:
-        estimates.append(resolve(h, dt, y))
+        estimates.append(resolve(_with_room(h, y), dt, y))
         if progress:
             progress(len(estimates), len(hypotheses))
     return Posterior(dt, len(y), probabilities([e.log_evidence for e in estimates]),
                      tuple(estimates))
+
+
+UNEXPECTED = 3.0    # of an offset: times the standard deviation of bias and record
+
+
+def _with_room(h, y):
+    """The hypothesis, a bias that was not given as wide as a record's offset needs."""
+    offset = abs(float(np.nanmean(y)))
+    if h.bias_given or offset < UNEXPECTED * max(h.bias_sigma, np.nanstd(y)):
+        return h
+    return h._replace(bias_sigma=offset, bias_given=True)
 
 
 MIN_SAMPLES = 16    # fewer say nothing of any correlated process

@@ -27,9 +27,10 @@ def read_model(file, dt=None):
     """Model from a JSON file, a data sheet or another program's file; see
     `sensorlab.foreign` for the latter, and for `dt`.
 
-    The file holds `dt`, s, optionally `unit`, `bias_sigma` (1) and `prior` ("uniform"
-    or "log"), and `hypotheses`: a list of `name`, a name in MODELS, and `parameters`,
-    each a number, a range [low, high] or an object of `range` and `prior`; optionally
+    The file holds `dt`, s, optionally `unit`, `bias_sigma` (as for
+    `sensorid.hypothesis`) and `prior` ("uniform" or "log"), and `hypotheses`: a list of
+    `name`, a name in MODELS, and `parameters`, each a number, a range [low, high] or an
+    object of `range` and `prior`; optionally
     `label`, `prior`, `bias_sigma` and `effects`: a list of `name`, a name in CATALOGUE,
     `parameters` and, where the effect needs one, `column`. `modelschema.schema` says it
     all.
@@ -76,7 +77,7 @@ def _hypothesis_from(where, entry, tree):
     try:
         h = hypothesis(FOREIGN.get(entry["name"], entry["name"]),
                        name=entry.get("label"),
-                       bias_sigma=entry.get("bias_sigma", tree.get("bias_sigma", 1.0)),
+                       bias_sigma=entry.get("bias_sigma", tree.get("bias_sigma")),
                        prior=entry.get("prior", tree.get("prior", "uniform")),
                        **{symbol: _prior(value) for symbol, value
                           in entry.get("parameters", {}).items()})
@@ -136,7 +137,8 @@ def model_text(model):
     hypotheses = []
     for h, effects in model.simulator.pairs:
         log = all(p.log for p in h.parameters if p.free)
-        entry = dict(name=h.model.__name__, label=h.name, bias_sigma=h.bias_sigma,
+        bias = dict(bias_sigma=h.bias_sigma) if h.bias_given else {}
+        entry = dict(name=h.model.__name__, label=h.name, **bias,
                      prior="log" if log else "uniform",
                      parameters={p.symbol: _json_value(p, log) for p in h.parameters})
         if model.simulator.effects:

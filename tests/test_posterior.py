@@ -139,7 +139,8 @@ def test_state_equals_the_reference_implementation():
     y[20:25] = np.nan
     for h, e in zip(H, s.identify(y, 1.0, H).estimates):
         theta = [p.low for p in h.parameters]
-        node = naive.Node(theta, *getattr(naive, h.name)(theta, 1.0, h.bias_sigma))
+        node = naive.Node(theta, *getattr(naive, h.name)(
+            theta, 1.0, e.hypothesis.bias_sigma))
         for sample in y:
             node.step(sample)
         mean, cov = s.estimate_state(y, e, 1.0)
@@ -233,3 +234,16 @@ def test_ranks_of_two_processes_are_uniform(tmp_path, monkeypatch):
 def test_a_useless_record_is_refused(y, dt, message):
     with pytest.raises(ValueError, match=message):
         s.identify(y, dt, paper_case(2))
+
+
+def test_a_bias_that_was_not_given_is_as_wide_as_the_offset_of_a_record():
+    y = 66.0 + 0.5 * np.random.default_rng(5).standard_normal(500)
+
+    def probability(**given):
+        answer = s.identify(y, 1.0, [
+            s.hypothesis("white_noise", sigma_v=(0.1, 1.0), **given),
+            s.hypothesis("random_walk", sigma_w=(1e-4, 1.0), sigma_v=(0.1, 1.0),
+                         **given)])
+        return answer.probability[0]
+    assert probability() > 0.9 > 0.1 > probability(bias_sigma=1.0)
+    assert_allclose(probability(), probability(bias_sigma=66.0), atol=0.02)

@@ -47,8 +47,8 @@ def simulator_from(records, dt, columns=None):
     ranges = _ranges(acc.member.parameters, np.array(means), np.array(sds))
     base, count = acc.member.hypothesis, len(acc.member.hypothesis.parameters)
     spread = np.nanmean(records, axis=1)
-    h = base._replace(parameters=ranges[:count], bias_sigma=float(np.sqrt(
-        np.mean(spread**2)) + np.nanstd(records[0])))
+    h = base._replace(parameters=ranges[:count], bias_given=True, bias_sigma=float(
+        np.sqrt(np.mean(spread**2)) + np.nanstd(records[0])))
     inside = iter(ranges[count:])
     effects = [one._replace(values={symbol: next(inside) for symbol in one.values})
                for one in acc.member.effects]

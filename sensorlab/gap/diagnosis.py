@@ -215,7 +215,7 @@ def augmented(d):
     known = sum((signature_of(d.scene, one, _numbers(one)) for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))
     bias_sigma = h.bias_sigma or d.final.bases[d.final.best].hypothesis.bias_sigma
-    h = h._replace(bias_sigma=max(bias_sigma, abs(offset)))
+    h = h._replace(bias_sigma=max(bias_sigma, abs(offset)), bias_given=True)
     return Simulator((h,), ((*d.known, *effects),))
 
 
