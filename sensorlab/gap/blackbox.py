@@ -38,12 +38,14 @@ def simulator_from(records, dt, columns=None):
     records = np.atleast_2d(records)[:MOST_RECORDS]
     first = diagnose(records[0], dt, default_hypotheses(records[0], dt), columns)
     acc = first.final
-    means, sds = [acc.sample.mean], [acc.sample.sd()]
+    samples = [acc.sample]
     for y in records[1:]:
         scene = Scene(snapped(y), dt, columns or {})
-        fit = account(scene, acc.bases[acc.best:acc.best + 1], [acc.member])
-        means.append(fit.sample.mean)
-        sds.append(fit.sample.sd())
+        samples.append(account(scene, acc.bases[acc.best:acc.best + 1],
+                               [acc.member]).sample)
+    # a factor on all standard deviations is in them
+    samples = [s._replace(theta=acc.member.in_units(s.theta)) for s in samples]
+    means, sds = [s.mean for s in samples], [s.sd() for s in samples]
     ranges = _ranges(acc.member.parameters, np.array(means), np.array(sds))
     base, count = acc.member.hypothesis, len(acc.member.hypothesis.parameters)
     spread = np.nanmean(records, axis=1)
@@ -52,7 +54,8 @@ def simulator_from(records, dt, columns=None):
     inside = iter(ranges[count:])
     effects = [one._replace(values={symbol: next(inside) for symbol in one.values})
                for one in acc.member.effects]
-    effects = [one for one in effects if not one.effect.reading]
+    effects = [one for one in effects
+               if not (one.effect.reading or one.effect.factor)]
     for s in acc.signatures:    # of a size that may differ from run to run
         size = s.found.effect.size
         effects.append(s.found._replace(values={
