@@ -135,3 +135,13 @@ def test_the_simulator_of_a_clipped_record_has_the_noise_before(seed, quantiles)
     last = d.drift[-1]
     assert 0.6 < last.with_effects / last.record < 1.7
     assert d.after.p_value > 0.01
+
+
+def test_outliers_beside_a_lattice_do_not_hide_it():
+    rng = np.random.default_rng(9)
+    y = 0.5 * np.round(rng.standard_normal(3000) / 0.5)
+    at = rng.random(3000) < 0.005
+    y[at] += 5.0 * rng.standard_normal(at.sum())
+    (one,) = readings.readings(Scene(y, DT, {}))
+    assert one.found.name == "quantization"
+    assert_allclose(one.found.values["lsb"], 0.5)

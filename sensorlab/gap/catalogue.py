@@ -272,7 +272,8 @@ def lattice(y):
     """Spacing of the values of a record, or 0 where they lie on no lattice.
 
     The coarsest at which |mean of exp(2 pi i value / spacing)| over the values, each
-    once, is nearly 1: printed digits may have moved them a little.
+    once, is nearly 1: printed digits may have moved them a little. Where most samples
+    lie on values that others have, too, the rest does not count.
     """
     return _lattice_of(np.asarray(y, float).tobytes())
 
@@ -280,7 +281,9 @@ def lattice(y):
 @functools.lru_cache(maxsize=4)    # the same few are asked for again and again
 def _lattice_of(y):
     y = np.frombuffer(y)
-    values = np.unique(y[~np.isnan(y)])
+    values, count = np.unique(y[~np.isnan(y)], return_counts=True)
+    if count[count > 1].sum() > MOSTLY * count.sum():    # some were added to, later
+        values = values[count > 1]
     values = values - values[len(values) // 2]
     step = np.diff(values)
     step = np.sort(step[step > 1e-9 * np.ptp(values)])
@@ -298,6 +301,7 @@ def _lattice_of(y):
     return 0.0
 
 
+MOSTLY = 0.9            # of the samples, that lie on values met again
 RARE = 0.1              # of the steps
 MAX_MULTIPLES = 2000    # of the spacing, in a lattice that digits blurred
 EXACT = 0.05            # of the spacing: what a value on a lattice may be off it
