@@ -144,4 +144,4 @@ def test_outliers_beside_a_lattice_do_not_hide_it():
     y[at] += 5.0 * rng.standard_normal(at.sum())
     (one,) = readings.readings(Scene(y, DT, {}))
     assert one.found.name == "quantization"
-    assert_allclose(one.found.values["lsb"], 0.5)
+    assert one.found.values["lsb"] == pytest.approx(0.5)
