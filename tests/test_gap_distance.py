@@ -69,3 +69,26 @@ def test_the_number_of_threads_changes_no_bit():
     finally:
         numba.set_num_threads(before)
     assert np.array_equal(*told)
+
+
+def test_a_root_is_found_though_the_slopes_that_are_told_are_wrong():
+    true, root = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([30.0, 5.0])
+
+    def missed(at):
+        return true @ (at - root), 5.0 * np.eye(2)
+    at = distance._root(missed, np.ones(2), np.ones(2), 24)
+    assert np.linalg.norm(missed(at)[0]) < np.sqrt(5.0) * distance.THERE
+
+
+def test_a_search_without_a_root_stays_where_it_was_best():
+    def missed(at):
+        return np.array([2.0 + np.abs(at[0] - 3.0)]), np.eye(1)
+    at = distance._root(missed, np.ones(1), np.ones(1), 24)
+    assert missed(at)[0] <= missed(np.ones(1))[0]
+    assert distance._root(lambda at: (np.array([np.nan]), np.eye(1)), np.ones(1),
+                          np.ones(1), 24) == 1.0
+
+
+def test_what_no_record_has_is_no_gap():
+    assert 0.3 < distance._tail(np.zeros(50)) < 0.6
+    assert distance._tail(np.append(1.0, np.zeros(50))) == 1e-15

@@ -203,8 +203,7 @@ class _Refit(NamedTuple):
         E. Renault, J. Appl. Econometrics 8, 1993). What the record does not tell, the
         prior keeps in place. Under a third of clipped samples the fit is dozens of its
         own standard deviations off, and tells less of a change than of itself: slopes
-        are learnt on the way (C. G. Broyden, Math. Comp. 19, 1965), and moves grow
-        where they help.
+        are learnt on the way, and moves grow where they help.
         """
         acc, free = self.setting.acc, self.free
         truth = acc.theta.copy()
@@ -216,38 +215,52 @@ class _Refit(NamedTuple):
             apart = dict(zip(like.member.keys, near.theta - like.theta))
             truth = np.maximum(0.5 * truth, truth + [
                 apart.get(key, 0.0) for key in acc.member.keys])
-        step, at, best = self.step[free], truth[free], truth[free]
+        step, fit = self.step[free], acc.theta[free]
         width = np.array([p.high - p.low for p in acc.member.parameters])[free]
         prior = np.diag(12.0 * (step / width)**2)
-        bound, least = BOUND, np.inf
-        for _ in range(MOVES if acc.readings else 4):
+
+        def missed(at):
+            """Gains of simulated records over that of the real one, and their slopes
+            at the truth, as far as is known.
+            """
             truth[free] = at
             # with the same noises, or it would walk about
             _, masked = self.setting.drawn(self.setting.simulator(truth), MOVED,
                                            seed + 100)
             s = self.gains(np.vstack([self.setting.own, masked]))
             s[1:] = _without_tails(s[1:])
-            off = s[1:].mean(0) - s[0] + prior @ ((at - acc.theta[free]) / step)
-            if least == np.inf:
-                slope = metric = prior + np.cov(s[1:].T).reshape(len(free), -1)
-            else:
-                moved = (at - best) / step
-                slope = slope + np.outer(
-                    off - missed - slope @ moved, moved) / (moved @ moved)
-            length = np.sqrt(off @ np.linalg.solve(metric, off))
-            if not np.isfinite(length):    # no such simulator
-                break
-            bound = 2.0 * bound if length < least else 0.5 * min(bound, taken)
-            if length < least:
-                best, missed, least = at, off, length
-            if least < THERE or bound < THERE:
-                break
-            move = -np.linalg.pinv(slope) @ missed
-            taken = np.sqrt(move @ metric @ move)
-            move *= min(1.0, bound / taken)
-            at = np.maximum(best + move * step, 0.5 * best)
-        truth[free] = best
+            return s[1:].mean(0) - s[0] + prior @ ((at - fit) / step), (
+                prior + np.cov(s[1:].T).reshape(len(free), -1))
+        truth[free] = _root(missed, truth[free], step, MOVES if acc.readings else 4)
         return truth
+
+
+def _root(missed, at, step, moves):
+    """Where `missed` (d,), of which it gives slopes (d, d) by steps as well, is about
+    zero: C. G. Broyden's method (Math. Comp. 19, 1965), from the best point so far.
+    """
+    best, least, bound, taken, at_best = at, np.inf, BOUND, 0.0, None
+    for _ in range(moves):
+        off, slopes = missed(at)
+        if at_best is None:
+            slope = metric = slopes
+        else:
+            moved = (at - best) / step
+            slope = slope + np.outer(off - at_best - slope @ moved, moved) / (
+                moved @ moved)
+        length = np.sqrt(off @ np.linalg.solve(metric, off))
+        if not np.isfinite(length):    # no such simulator
+            break
+        bound = 2.0 * bound if length < least else 0.5 * min(bound, taken)
+        if length < least:
+            best, at_best, least = at, off, length
+        if least < THERE or bound < THERE:
+            break
+        move = -np.linalg.pinv(slope) @ at_best
+        taken = np.sqrt(move @ metric @ move)
+        move *= min(1.0, bound / taken)
+        at = np.maximum(best + move * step, 0.5 * best)
+    return best
 
 
 def _without_tails(s):
