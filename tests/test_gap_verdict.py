@@ -74,7 +74,7 @@ def test_errors_of_probabilities_are_their_spread():
 def test_more_records_are_drawn_where_unknown_hangs_on_them(monkeypatch):
     drawn = []
 
-    def gap_of(scene, acc, trials, seed, before):
+    def gap_of(scene, acc, trials, seed, before, near):
         drawn.append(trials)
         return trials
     monkeypatch.setattr(diagnosis, "distance", gap_of)
