@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from conftest import DT
 
+import sensorid
 import sensorlab
+from sensorlab.gap import blackbox
 from sensorlab.gap.distance import distance
 from sensorlab.gap.twins import less_shared
 
@@ -62,3 +64,14 @@ def test_few_records_tell_how_wide_their_parameters_spread():
     (p,) = [p for p in h.parameters if p.symbol == "sigma_v"]
     # Student's law of two degrees of freedom: 1 -+ 4.3 sqrt(4 / 3) 0.2
     assert p.low < 0.3 and 1.7 < p.high < 2.4
+
+
+def test_a_factor_on_all_standard_deviations_is_in_them(monkeypatch):
+    said = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)]
+    y = 9.80665 * sensorid.simulate(said, DT, 1500, seed=4).error
+    monkeypatch.setattr(blackbox, "diagnose", lambda y, dt, hypotheses, columns:
+                        sensorlab.diagnose(y, dt, said, columns))
+    simulator = sensorlab.simulator_from(y, DT)
+    assert simulator.effects == ((),)
+    (_, p) = simulator.hypotheses[0].parameters
+    assert 4.4 < p.low < 4.90333 < p.high < 5.4

@@ -63,6 +63,9 @@ def simulator_from(records, dt, columns=None):
     return Simulator((h,), ((*effects, *(r.found for r in acc.readings)),))
 
 
+ROUNDING = 1e-9    # of a number: its range is none
+
+
 def _ranges(parameters, means, sds):
     """The parameters of a further record, from means and standard deviations (L, p)."""
     L, result = len(means), []
@@ -74,5 +77,6 @@ def _ranges(parameters, means, sds):
                        * np.std(mean, ddof=1))
         middle = float(np.mean(mean))
         low = max(middle - half, 0.05 * middle) if middle > 0.0 else middle - half
-        result.append(Parameter(p.symbol, low, middle + half) if p.free else p)
+        known = half <= ROUNDING * abs(middle)
+        result.append(p if known else Parameter(p.symbol, low, middle + half))
     return tuple(result)
