@@ -108,7 +108,7 @@ def guesses_from(past, number, h, scene, signatures):
         return result
     # where what is new is weak, all else is as it was; where not, its spectrum tells
     theta = sample.theta[sample.log_likelihood[:, 0].argmax()]
-    twin, its_other = as_processes(h), as_processes(other)
+    twin, its_other = _as_processes(h), _as_processes(other)
     odd, law = _odd(h, scene, signatures, other, theta)
     told = posterior_law(
         twin, scene._replace(y=np.where(odd > 0.5, np.nan, scene.y)), signatures,
@@ -140,7 +140,7 @@ def _as_process(effect):
     return effect._replace(model=model, jumps=None, elementwise=True)
 
 
-def as_processes(h):
+def _as_processes(h):
     """A hypothesis without outliers, its levels as processes."""
     return h._replace(effects=tuple(
         one._replace(effect=_as_process(one.effect)) if one.effect.jumps else one

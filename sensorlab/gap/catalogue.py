@@ -490,7 +490,7 @@ CATALOGUE = {effect.name: effect for effect in (
                     "sigma in u",
            resembles="noise step, random telegraph",
            experiment="log the raw bus: are they transmission errors?"),
-    Effect("random_telegraph", jumps=_telegraph, search="spectrum",
+    Effect("random_telegraph", jumps=_telegraph,
            parameters=lambda s: (_log("dwell", 3.0 * s.dt, s.duration / 4),
                                  _log("size", 0.1 * s.white, 2.0 * _spread(s))),
            equation="y +- size / 2, two levels, each kept for dwell on average; "

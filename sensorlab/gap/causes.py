@@ -6,7 +6,7 @@ import numpy as np
 
 from sensorid import brief, free_columns, probabilities
 from sensorlab.gap.account import (
-    Account, account, as_processes, evidence_error, gaussian, mean_evidence)
+    Account, account, evidence_error, gaussian, mean_evidence)
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
@@ -196,18 +196,15 @@ def _with_filters(scene, plain, acc, reference, effects, processes, best):
 
 
 def _promising(scene, acc, richer):
-    """Hypotheses of an account with a further process, its frequency sought, or level,
-    and ln B of it by Whittle's likelihood.
+    """Hypotheses of an account with a further process, its frequency sought, and ln B
+    of it by Whittle's likelihood.
     """
-    new, gains = [], []
-    for h, one, s in zip(acc.hypotheses, richer, acc.samples):
-        twin, theta = as_processes(h), s.theta[s.log_likelihood[:, 0].argmax()]
-        member, gain = promise(twin, as_processes(one), scene, acc.signatures,
-                               h.matching(twin, theta))
-        new.append(one if one.has_jumps else member)
-        gains.append(gain)
+    pairs = [promise(h, one, scene, acc.signatures,
+                     s.theta[s.log_likelihood[:, 0].argmax()])
+             for h, one, s in zip(acc.hypotheses, richer, acc.samples)]
     evidence = np.array([s.log_evidence[0] for s in acc.samples])
-    return new, mean_evidence(evidence + gains) - mean_evidence(evidence)
+    return [h for h, _ in pairs], mean_evidence(
+        evidence + [gain for _, gain in pairs]) - mean_evidence(evidence)
 
 
 def _log_bayes(new, old):

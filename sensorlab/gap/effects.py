@@ -77,9 +77,8 @@ class Effect(NamedTuple):
                                 # all standard deviations
     parameters: Callable = nothing    # of the scene: priors of all that is no size
     search: str = ""            # how psi is found: "onset", "frequency", "pulse", else
-                                # by a list; a model or a level that shows in the
-                                # spectrum of the residuals: "spectrum", or "band" by
-                                # its frequency
+                                # by a list; a model that shows in the spectrum of the
+                                # residuals: "spectrum", or "band" by its frequency
     size: str = "size"          # what the factor of the columns is called
     column: str = ""            # what must be recorded beside the error; "*" is what no
                                 # other effect names, "any" is anything
