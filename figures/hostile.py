@@ -16,6 +16,7 @@ from figures import save, withheld
 
 SEED = 1997
 REPEATS = 20    # records of a condition
+HEALTHY, OUTSIDE = ("none", "undecided"), ("unknown", "undecided")    # right verdicts
 
 WALK = dict(sigma_w=(0.04, 0.15), sigma_v=(0.25, 1.0))
 MARKOV = dict(tau_m=(60.0, 1500.0), sigma_m=(0.5, 1.5), sigma_v=(0.25, 1.0))
@@ -31,10 +32,10 @@ def simulator(unit=1.0, dt=1.0, prior="uniform", wide=1.0):
         for name, ranges in (("random_walk", WALK), ("markov", MARKOV))]
 
 
-def record(rng, n=1000, sigma_v=None, sigma_w=None):
-    """Bias, and a walk or a Markov process, in white noise."""
+def record(rng, n=1000, sigma_v=None, sigma_w=None, draw=None):
+    """Bias, and a walk or a Markov process, in white noise, which `draw` may draw."""
     sigma_v = rng.uniform(0.25, 1.0) if sigma_v is None else sigma_v
-    y = rng.standard_normal() + sigma_v * rng.standard_normal(n)
+    y = rng.standard_normal() + sigma_v * (draw or rng.standard_normal)(n)
     if sigma_w is not None or rng.random() < 0.5:
         sigma_w = rng.uniform(0.04, 0.15) if sigma_w is None else sigma_w
         return y + np.cumsum(sigma_w * rng.standard_normal(n))
@@ -46,14 +47,33 @@ def record(rng, n=1000, sigma_v=None, sigma_w=None):
     return y
 
 
-def healthy(n=1000, dt=1.0, unit=1.0, offset=0.0, missing=0.0, columns=0, **priors):
-    """Condition without an effect."""
+def healthy(n=1000, dt=1.0, unit=1.0, offset=0.0, missing=0.0, gap=0, columns=0,
+            **priors):
+    """Condition without an effect; `gap` samples are missing in a row."""
     def make(rng):
         y = record(rng, n)
         y[rng.random(n) < missing] = np.nan
+        at = rng.integers(n - gap)
+        y[at:at + gap] = np.nan
         beside = {f"x{k}": np.cumsum(rng.standard_normal(n)) for k in range(columns)}
         return unit * (y + offset), dt, simulator(unit, dt, **priors), beside
-    return make, ("none", "undecided")
+    return make, HEALTHY
+
+
+def known(rng):
+    y = record(rng, sigma_v=0.5, sigma_w=0.1)
+    return y, 1.0, [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)], {}
+
+
+def white(rng):
+    y = record(rng, sigma_w=0.0)
+    return y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=(0.25, 1.0))], {}
+
+
+def unbiased(rng):
+    y = np.cumsum(0.1 * rng.standard_normal(1000)) + 0.5 * rng.standard_normal(1000)
+    return y, 1.0, [h._replace(bias_sigma=0.0, bias_given=True)
+                    for h in simulator()], {}
 
 
 def fast_walk(rng):
@@ -89,20 +109,68 @@ def curved(rng):
     return y + 0.02 * rate**2, 1.0, simulator(), dict(rate=rate)
 
 
+def parabola(rng):
+    t = np.linspace(-1.0, 1.0, 1000)
+    y = record(rng, sigma_v=0.5, sigma_w=0.04)
+    return y + 8.0 * (t - rng.uniform(-0.3, 0.3))**2, 1.0, simulator(), {}
+
+
+def late(rng):
+    rate = np.convolve(rng.standard_normal(1019), np.ones(20), "valid")
+    y = record(rng, sigma_v=0.5, sigma_w=0.05) + 0.3 * np.gradient(rate)
+    return y, 1.0, simulator(), dict(rate=rate)
+
+
+def counts(rng):
+    lsb = 0.8
+    return lsb * np.round(record(rng, sigma_v=0.5, sigma_w=0.05) / lsb), 1.0, [
+        sensorid.hypothesis(h.name, bias_sigma=1.0, **{
+            p.symbol: 0.5 if p.symbol == "sigma_v" else (p.low, p.high)
+            for p in h.parameters}) for h in simulator()], {}
+
+
+def heavy(rng):
+    y = record(rng, draw=lambda n: rng.standard_t(10, n) * np.sqrt(0.8))
+    return y, 1.0, simulator(), {}
+
+
+def restless(rng):
+    y = record(rng, sigma_v=0.5, sigma_w=0.05)
+    y[500:] += np.cumsum(0.5 * rng.standard_normal(500))
+    return y, 1.0, simulator(), {}
+
+
+def square_wave(rng):
+    t = np.arange(1000.0) + rng.uniform(0.0, 100.0)
+    y = record(rng, sigma_v=0.5, sigma_w=0.05)
+    return y + 0.5 * np.sign(np.sin(2.0 * np.pi * t / rng.uniform(30.0, 100.0))), (
+        1.0), simulator(), {}
+
+
 CONDITIONS = {
     "64 samples": healthy(64), "300 samples": healthy(300),
-    "4000 samples": healthy(4000),
+    "4000 samples": healthy(4000), "20000 samples": healthy(20000),
     "dt 0.01 s": healthy(dt=0.01), "dt 100 s": healthy(dt=100.0),
     "log priors": healthy(prior="log"), "priors 10 x wider": healthy(
         prior="log", wide=10.0),
-    "30 % missing": healthy(missing=0.3), "six irrelevant columns": healthy(columns=6),
+    "30 % missing": healthy(missing=0.3), "a gap of a third": healthy(gap=333),
+    "six irrelevant columns": healthy(columns=6),
     "unit 1e-12": healthy(unit=1e-12), "unit 1e+12": healthy(unit=1e12),
-    "offset 1e7": healthy(offset=1e7), "fast walk": (fast_walk, ("none", "undecided")),
+    "offset 1e7": healthy(offset=1e7), "offset 1e9": healthy(offset=1e9),
+    "fast walk": (fast_walk, HEALTHY), "no bias": (unbiased, HEALTHY),
+    "parameters known": (known, HEALTHY), "white noise alone": (white, HEALTHY),
+    "t-noise, 10 degrees": (heavy, (*HEALTHY, "unknown", "outliers")),
+    "noise 1.15 x its range": louder(1.15),
     "noise 1.5 x its range": louder(1.5), "noise 5 x its range": louder(5.0),
     "noise half of its range": louder(0.5),
     "walk, simulator without": (walks, ("random_walk",)),
     "rectangular pulse": (pulse, ("pulse", "bias_step+bias_step")),
+    "parabola": (parabola, ("second_order_drift",)),
     "square of a rate": (curved, ("nonlinearity",)),
+    "derivative of a rate": (late, ("latency",)),
+    "counts": (counts, ("quantization",)),
+    "walk that grows": (restless, (*OUTSIDE, "wrong_parameter")),
+    "square wave": (square_wave, ("sinusoid",)),    # and its harmonics
 }
 
 
