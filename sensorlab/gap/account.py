@@ -255,7 +255,7 @@ def _with_sizes(acc, scene, theta):
     masked, hypotheses = gaussian(scene, acc)
     plain = hypotheses[acc.best]
     at = acc.member.matching(plain, theta)[None]
-    sizes, result = iter(estimated(plain, masked, acc.signatures, at).size[0]), []
+    sizes, result = iter(estimated(plain, masked, acc.signatures, at).size[0, 0]), []
     for s in acc.signatures:
         size = [next(sizes) for _ in range(s.columns.shape[1])]
         values = {**s.found.values, s.found.effect.size: np.hypot(*size)

@@ -141,11 +141,10 @@ def with_constants(h, scene, signatures, theta):
 
 def filtered(h, scene, signatures, theta, y):
     """Log-likelihoods (R, M) of records y (R, N) like that of the scene."""
+    if _is_plain(h, y):
+        return estimated(h, scene, signatures, theta, y).log_likelihood
     own, H = with_constants(h, scene, signatures, theta)
     (R, N), M = y.shape, len(theta)
-    if _is_plain(h, y):
-        return plain_filters(y, H, own.own, own.pair, own.r, np.empty((R, M, 0)),
-                             np.empty((M, 0)))
     return _through_mixtures(h, own, H, theta, y, np.empty((R, M, 0, N)))
 
 
@@ -168,12 +167,12 @@ def predict(h, scene, signatures, theta, y=None):
     (R, N), M = y.shape, len(theta)
     if _is_plain(h, y):
         z, log_f = np.empty((R, M, N)), np.empty((M, N))
-        total = plain_filters(y, H, own.own, own.pair, own.r, z, log_f)
+        plain_filters(y, H, own.own, own.pair, own.r, z, log_f)
         log_score = z * z
         log_score += log_f + LOG_2PI
         log_score *= -0.5
-        return Predicted(total, _within_limits(z), np.broadcast_to(np.nan, z.shape),
-                         log_score)
+        return Predicted(np.nansum(log_score, axis=2), _within_limits(z),
+                         np.broadcast_to(np.nan, z.shape), log_score)
     out = np.full((R, M, 4, N), np.nan)
     total = _through_mixtures(h, own, H, theta, y, out)
     z = normal_score(out[:, :, 0], out[:, :, 1]) if h.has_jumps else out[:, :, 0]
@@ -199,67 +198,81 @@ def log_likelihoods(h, scene, signatures, theta):
     """ln f(Y / theta) (M,): through the bank, unless there are jumps."""
     if h.has_jumps:
         return filtered(h, scene, signatures, theta, scene.y[None])[0]
-    return estimated(h, scene, signatures, theta).log_likelihood
+    return estimated(h, scene, signatures, theta).log_likelihood[0]
 
 
 class Marginal(NamedTuple):
-    """A likelihood with constants integrated out, and what is known of them."""
+    """A likelihood with constants integrated out, and what is known of them; of R
+    records where there are several.
+    """
 
-    log_likelihood: np.ndarray    # (M,)
-    size: np.ndarray              # (M, c) expectations of the constants
-    covariance: np.ndarray        # (M, c, c)
+    log_likelihood: np.ndarray    # ([R,] M)
+    size: np.ndarray              # ([R,] M, c) expectations of the constants
+    covariance: np.ndarray        # ([R,] M, c, c)
 
 
 def marginal(gram, log_det, count, variance):
-    """`Marginal` from products (M, 1 + c, 1 + c) of a record and c columns, whose
+    """`Marginal` from products ([R,] M, 1 + c, 1 + c) of a record and c columns, whose
     constants are N(0, variance).
     """
     root, c = np.sqrt(variance), len(variance)
-    inner = np.eye(c) + root[:, None] * gram[:, 1:, 1:] * root
+    inner = np.eye(c) + root[:, None] * gram[..., 1:, 1:] * root
     covariance = root[:, None] * np.linalg.inv(inner) * root
-    size = (covariance @ gram[:, 1:, :1])[..., 0]
-    chi2 = gram[:, 0, 0] - (gram[:, 1:, 0] * size).sum(1)
+    size = (covariance @ gram[..., 1:, :1])[..., 0]
+    chi2 = gram[..., 0, 0] - (gram[..., 1:, 0] * size).sum(-1)
     return Marginal(-0.5 * (count * LOG_2PI + log_det + np.linalg.slogdet(inner)[1]
                             + chi2), size, covariance)
 
 
-def estimated(h, scene, signatures, theta):
-    """`Marginal` of a hypothesis without jumps: over the sizes of signature columns,
-    then the bias.
+def estimated(h, scene, signatures, theta, y=None):
+    """`Marginal` of a hypothesis without jumps and of the record of a scene, or of
+    others with the same gaps, y (R, N): over the sizes of signature columns, then the
+    bias.
     """
-    columns = [scene.y, *(c for s in signatures for c in s.columns.T)]
+    y = scene.y[None] if y is None else y
+    columns = [c for s in signatures for c in s.columns.T]
     variance = constants(h, signatures)
-    gram = products(h, scene, columns, theta)
+    gram = products(h, scene, y, columns, theta)
     return marginal(gram.products, gram.log_det, gram.count, np.append(
         variance[1:], variance[0]))
 
 
 class Gram(NamedTuple):
-    """Products c' C^-1 d of columns, the last of them ones, at M nodes."""
+    """Products c' C^-1 d of one of R records and of columns, the last of them ones, at
+    M nodes.
+    """
 
     count: int
     log_det: np.ndarray     # (M,)
-    products: np.ndarray    # (M, c + 1, c + 1)
+    products: np.ndarray    # (R, M, c + 2, c + 2)
 
 
-def products(h, scene, columns, theta):
-    """`Gram` of columns, of which there are few."""
+def products(h, scene, y, columns, theta):
+    """`Gram` of records y (R, N) and of columns, of which there are few."""
+    rows = np.array([*y, *columns])
     # of one size: a sum must not lose the smaller of two columns
-    size = np.array([np.sqrt(np.nansum(column**2) / len(column)) or 1.0
-                     for column in columns])
-    c = len(columns)
-    pairs = [(i, j) for i in range(c) for j in range(i)]
-    sums, cross = polarized(bank(h, scene.dt, theta), scene,
-                            np.array(columns) / size[:, None], pairs)
-    result = np.empty((len(theta), c + 1, c + 1))
-    result[:, c, c] = sums.information
-    for i in range(c):
-        result[:, i, i] = sums.chi2[i]
-        result[:, i, c] = result[:, c, i] = sums.score[i]
+    size = np.array([np.sqrt(np.nansum(row**2) / len(row)) or 1.0 for row in rows])
+    rows /= size[:, None]
+    R, c = len(y), len(columns)
+    pairs = [(i, j) for i in range(R, R + c) for j in range(i)]
+    sums, cross = polarized(bank(h, scene.dt, theta), scene._replace(y=y[0]), rows,
+                            pairs)
+    result = np.empty((R, len(theta), c + 2, c + 2))
+    result[..., -1, -1] = sums.information
+    # a record is in the first place of its own products, a column in those of all
+    place = [*((row, 0) for row in range(R)), *(
+        (slice(None), 1 + column) for column in range(c))]
+    for (own, at), square, score in zip(place, sums.chi2, sums.score):
+        result[own, :, at, at] = square
+        result[own, :, at, -1] = result[own, :, -1, at] = score
     for product, (i, j) in zip(cross, pairs):
-        result[:, i, j] = result[:, j, i] = product
-    size = np.append(size, 1.0)
-    return Gram(sums.count, sums.log_det, result * size[:, None] * size)
+        (own, at), (_, of) = place[j], place[i]
+        result[own, :, of, at] = result[own, :, at, of] = product
+    of_columns = np.append(size[R:], 1.0)
+    for number in range(R):
+        one = np.append(size[number], of_columns)
+        result[number] *= one[:, None] * one
+    return Gram(sums.count, sums.log_det, result)
 
 
 def polarized(b, scene, rows, pairs):

@@ -190,23 +190,18 @@ def update_state(x, Ph, gain):
 
 
 def plain_filters(y, H, own, pair, r, z, log_f):
-    """Log-likelihoods (R, M) of records with the same gaps under filters without jumps.
+    """Normal scores z (R, M, N) of records with the same gaps under filters without
+    jumps, and logarithms log_f (M, N) of the variances that they are over, in place.
 
     y (R, N); H (N, n) observes n states; own (6, M, n), pair (n,) and r (M, 1 or N) are
-    the parts of `filters.Parts`. z (R, M, N) gets normal scores and log_f (M, N)
-    logarithms of the variances that they are over; arrays (R, M, 0) and (M, 0) get
-    nothing.
-
-    The covariance of a node serves all records.
+    the parts of `filters.Parts`. The covariance of a node serves all records.
     """
-    total = np.empty((len(y), own.shape[1]))
     in_threads(_filter_records, groups(len(y)) * own.shape[1], y, H, own, pair, r, z,
-               log_f, total)
-    return total
+               log_f)
 
 
 @njit(**KERNEL)
-def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
+def _filter_records(first, last, y, H, own, pair, r, z, log_f):
     """Pairs of a group of records and a node, of `plain_filters`."""
     R, N = y.shape
     M, n = own.shape[1:]
@@ -215,11 +210,10 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
         begin, number = group * ABREAST, min(ABREAST, R - group * ABREAST)
         a, b, q, c = own[0, node], own[1, node], own[2, node], own[3, node]
         P, Ph = np.zeros((n, n)), np.empty(n)
-        x, nu = np.zeros((n, ABREAST)), np.zeros(ABREAST)
-        lanes_a, lanes_b = np.empty((2, n, ABREAST))
+        x, nu = np.zeros((n, number)), np.zeros(number)
+        lanes_a, lanes_b = np.empty((2, n, number))
         alone_a, alone_b, alone_P = (a.copy().reshape(n, 1), b.copy().reshape(n, 1),
                                      P.reshape(n, n, 1))
-        chi2, log_det, product, count = np.zeros(ABREAST), 0.0, 1.0, 0
         for s in range(n):
             P[s, s] = own[4, node, s]
             if pair[s] < s:
@@ -240,10 +234,9 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
                     Ph[t] += H[i, s] * P[s, t]
             for s in range(n):
                 f += H[i, s] * Ph[s]
-            if log_f.shape[1]:
-                log_f[node, i] = np.log(f)
+            log_f[node, i] = np.log(f)
             if seen:
-                for g in range(number):
+                for g in range(len(nu)):
                     nu[g] = y[begin + g, i]
                 for s in range(n):
                     for g in range(len(nu)):
@@ -254,18 +247,9 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f, total):
                         P[s, t] -= gain * Ph[t]
                     for g in range(len(nu)):
                         x[s, g] += gain * nu[g]
-                for g in range(len(nu)):
-                    chi2[g] += nu[g] * nu[g] / f
-                product *= f
-                count += 1
-            if z.shape[2]:
-                for g in range(number):
-                    z[begin + g, node, i] = nu[g] / np.sqrt(f) if seen else np.nan
-            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
-                log_det += np.log(product)
-                product = 1.0
-        for g in range(number):
-            total[begin + g, node] = -0.5 * (count * LOG_2PI + log_det + chi2[g])
+            per_sigma = 1.0 / np.sqrt(f) if seen else np.nan
+            for g in range(len(nu)):
+                z[begin + g, node, i] = nu[g] * per_sigma
 
 
 def mixture_filters(y, H, own, pair, r, outlier, jump, out):
