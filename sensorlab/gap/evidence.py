@@ -182,7 +182,7 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         return Sample(one.theta, one.x, one.moved, one.log_likelihood,
                       one.log_likelihood[0])
     rng = np.random.default_rng(seed)
-    few, enough = round(effort * ROUND), effort * ENOUGH_POINTS
+    few, enough = max(round(effort * ROUND), GROUP), effort * ENOUGH_POINTS
     x, proposals = _first_points(d, guesses, few, rng)
     points, modes, missed = located(x), [], True
     patience = round(ROUNDS_TO_CLIMB / effort) - bool(guesses)    # a climb costs many
@@ -191,7 +191,10 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         effective = 1.0 / np.sum(normalized(points.total + log_weight)**2)
         found = effective >= min(5.0 * (d + 1), 0.5 * enough)
         below = floor - logsumexp(points.total + log_weight)
-        hopeless = below > HOPELESS_NATS and effective >= 2.0 * (d + 1) or (
+        near = _that_hit(guesses, points)
+        # an evidence is a mean likelihood, and no more than its peak
+        low = bool(near) and points.total.max() + d < floor - HOPELESS_NATS
+        hopeless = low or below > HOPELESS_NATS and effective >= 2.0 * (d + 1) or (
             below > 3.0 * HOPELESS_NATS and attempt > patience + 1)
         if effective >= enough or hopeless:
             break
@@ -202,7 +205,7 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
             missed = top > height + MISSED_NATS    # a second one may be missed, too
             law = modes[-1]
         else:
-            law = _next_law(points, log_weight, effective, found, modes)
+            law = _next_law(points, log_weight, effective, found, modes or near)
         x, density = _drawn(*law, few, rng)
         proposals.append((few, density))
         points = points.joined(located(x))
@@ -246,17 +249,27 @@ def _highest(points, modes):
     return points.x[height.argmax()], height.max()
 
 
-def _next_law(points, log_weight, effective, found, modes):
-    """Mean and covariance of what the points know of the posterior, or of a tempered
-    one as long as they know little.
+NEAR = 3.0    # times the standard deviations of a guess, on average over all axes
+
+
+def _that_hit(guesses, points):
+    """Those guesses that the most probable point is near."""
+    best = points.x[points.log_posterior.argmax()]
+    return [(mean, cov) for mean, cov in guesses if (best - mean) @ np.linalg.solve(
+        cov + 1e-12 * np.eye(len(mean)), best - mean) < NEAR**2 * len(mean)]
+
+
+def _next_law(points, log_weight, effective, found, laws):
+    """Mean and covariance of what the points know of the posterior, or, as long as they
+    know little, of the nearest of some laws about them, or of a tempered posterior.
     """
     d = points.x.shape[1]
     w = normalized(points.total + log_weight)
-    if not found and not modes:
+    if not found and not laws:
         w = tempered(log_weight, points.total, 5.0 * (d + 1))[1]
     mean, cov = moments(w, points.x)
-    if not found and modes:    # few points tell little of their own spread
-        near = min(modes, key=lambda m: ((m[0] - mean)**2).sum())
+    if not found and laws:    # few points tell little of their own spread
+        near = min(laws, key=lambda law: ((law[0] - mean)**2).sum())
         cov = (effective * cov + (d + 1) * near[1]) / (effective + d + 1)
     return mean, cov
 
