@@ -130,6 +130,7 @@ def _log_bayes(richer, scene, seen, theta):
 TAU_STEP, SIGMA_STEP = 2.5, 2.0    # ratio of one node of a band to the next
 REACH = 12    # half widths of a band to either side of its middle that are looked at
 FINE = 3      # middles tried in a half width
+PARTS = 8     # of a half width, over which the spectrum is averaged
 
 
 def _with_law(richer, scene, seen):
@@ -163,24 +164,32 @@ def _band_gains(seen, dt, tau, variance):
     """ln of the mean Bayes factor (F,) over variances of bands of correlation time tau
     about every frequency.
     """
-    F, a = len(seen.power), np.exp(-dt / tau)
-    step = seen.frequency[0]
+    a, step = np.exp(-dt / tau), seen.frequency[0]
     width = 1.0 / (2.0 * np.pi * tau * step)    # half of a band, in frequencies
+    count = max(int(width / PARTS), 1)
+    frequency, power, density = (_means(part, count) for part in seen[:3])
+    F, width, step = len(power), width / count, step * count
     away = np.arange(min(int(REACH * width) + 2, F)) * step
     shape = 0.5 * (1.0 - a**2) / (1.0 + a**2 - 2.0 * a * np.cos(
         2.0 * np.pi * away * dt))
     middles = np.arange(0, F, max(int(width / FINE), 1))
     gain = np.empty((len(middles), len(variance)))
-    in_threads(_gain_bands, len(middles), seen.power, seen.density, shape, middles,
+    in_threads(_gain_bands, len(middles), power, density, count, shape, middles,
                variance, gain)
-    return np.interp(np.arange(F), middles, logsumexp(gain, axis=1) - np.log(
-        len(variance)))
+    return np.interp(seen.frequency, frequency[middles], logsumexp(
+        gain, axis=1) - np.log(len(variance)))
+
+
+def _means(values, count):
+    """Means of so many neighbours each."""
+    first = np.arange(0, len(values), count)
+    return np.add.reduceat(values, first) / np.diff(np.append(first, len(values)))
 
 
 @njit(**KERNEL)
-def _gain_bands(first, last, power, density, shape, middles, variance, gain):
+def _gain_bands(first, last, power, density, count, shape, middles, variance, gain):
     """Whittle's gain (middles, variances) of bands of a shape (reach,), the scale of
-    all else free.
+    all else free; each part of the spectrum stands for `count` frequencies.
     """
     F, reach = len(power), len(shape) - 1
     for j in range(first, last):
@@ -194,7 +203,8 @@ def _gain_bands(first, last, power, density, shape, middles, variance, gain):
                 if k % 4 == 3:    # one logarithm for several
                     log_ratio += np.log(product)
                     product = 1.0
-            gain[j, v] = -F * np.log(1.0 - less / F) - log_ratio - np.log(product)
+            gain[j, v] = -count * (
+                F * np.log(1.0 - less / F) + log_ratio + np.log(product))
 
 
 CANDIDATES = 512    # nodes of the new parameters of which the best are climbed from
