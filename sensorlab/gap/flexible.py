@@ -8,13 +8,13 @@ needed even where it is described in any way that does not describe the effect i
 import numpy as np
 
 from sensorlab.gap.closure import standing_out
-from sensorlab.gap.places import SHIFTS
+from sensorlab.gap.places import PLACES, SHIFTS
 
 NEEDED_NATS = 3.0    # that an effect must gain
 LAGS = 16      # samples before, on which a regression describes any colour
 SPANS = 32     # parts of the record, each with a spread of its own
 EVEN = 2.0     # standard errors by which a process must gain on average over SPANS
-MOST = 0.5     # share of the gap that jumps must close where it is widest
+MOST = 0.5     # share of the gap that jumps, or a change of noise, must close
 
 
 def stays_needed(effect, without_it, with_it):
@@ -23,9 +23,9 @@ def stays_needed(effect, without_it, with_it):
 
     A process is no more than a colour: for it, only the spread may be uneven, but its
     gain must be even. A change of noise is no more than an uneven spread: for it, there
-    may only be a colour. What comes from no column is needed beside any curve of those
-    that there are. Jumps are one law among many: they must close most of the gap
-    where it is widest.
+    may only be a colour, but it must close most of the gap in time. What comes from no
+    column is needed beside any curve of those that there are. Jumps are one law among
+    many: they must close most of the gap where it is widest.
     """
     if effect.reading:
         return True
@@ -38,19 +38,21 @@ def stays_needed(effect, without_it, with_it):
         parts = np.array([part.sum() for part in np.array_split(gain, SPANS)])
         if parts.mean() < EVEN * parts.std(ddof=1) / np.sqrt(SPANS):
             return False
-    if effect.jumps and _closed_at_worst(without_it, with_it) < MOST:
+    if effect.jumps and _closed_at_worst(without_it, with_it) < MOST or (
+            change and _closed_at_worst(without_it, with_it, ("time",)) < MOST):
         return False
     # the best of as many places as it could be at gains that much by chance
     searched = np.log(len(with_it.z)) if effect.search not in ("", "spectrum") else 0.0
     return bool(gain.sum() > NEEDED_NATS + searched)
 
 
-def _closed_at_worst(without_it, with_it):
-    """Share of the gap that is closed in the place where it is widest."""
-    out, places = standing_out(without_it), np.array(without_it.statistics.place)
+def _closed_at_worst(without_it, with_it, places=PLACES):
+    """Share of the gap that is closed in that of some places where it is widest."""
+    place = np.array(without_it.statistics.place)
+    out = standing_out(without_it) & np.isin(place, places)
     if not out.any():
         return 1.0
-    own = max((out & (places == place) for place in sorted(set(places[out]))),
+    own = max((out & (place == name) for name in sorted(set(place[out]))),
               key=without_it.rms)
     return 1.0 - (with_it.rms(own) - 1.0) / (without_it.rms(own) - 1.0)
 
