@@ -183,7 +183,7 @@ class _Refit(NamedTuple):
 
     def gains(self, masked, middle=None):
         """Gain (R, d) of a step in every parameter; `middle` (R, 1) is the
-        log-likelihood at the posterior mean.
+        log-likelihood at the posterior mean, if it is known from the same filter.
         """
         if not self.free:
             return np.zeros((len(masked), 0))
@@ -294,7 +294,7 @@ class _Ruler(NamedTuple):
                        masked)
         return part, statistics(
             part.z[:, 0, first:], read[:, first:], setting.late, self.held
-        ), self.fit.gains(masked, part.log_likelihood)
+        ), self.fit.gains(masked, part.log_likelihood if acc.member.has_jumps else None)
 
     def marked(self, T, s, stats):
         """The ruler with its marks, and the distances (B, S) of simulated records of
@@ -340,6 +340,9 @@ class _Ruler(NamedTuple):
         return self.distances(stats.value, gains)
 
 
+WIDE = 4    # blocks of samples that are whitened at a time
+
+
 def _whitened_probes(acc, scene, y, late):
     """`Held`: `probes` of the end of a scene through the filter of an account without
     its jumps.
@@ -351,16 +354,17 @@ def _whitened_probes(acc, scene, y, late):
     theta = acc.member.matching(h, acc.theta)[None]
     listed, first, size = tuple(p[:3] for p in probes(late)), len(y) - len(late.y), (
         1e-3 * scene.white)
-    white, every = np.empty((len(listed), len(late.y))), probes(late)
-    for begin in range(0, len(listed), ABREAST):
-        probe = np.zeros((min(ABREAST, len(listed) - begin), len(y)))
+    white, every = np.empty((len(listed), len(late.y)), np.float32), probes(late)
+    abreast = int(np.clip(WIDE * BLOCK // len(y), 1, ABREAST))
+    for begin in range(0, len(listed), abreast):
+        probe = np.zeros((min(abreast, len(listed) - begin), len(y)))
         for row, (*_, f) in zip(probe, every):
             row[first:] = f * (size / np.abs(f).max())
         probe[:, np.isnan(y)] = np.nan
         z = predict(h, scene, acc.signatures, theta, probe).z[:, 0, first:]
         z[np.isnan(z)] = 0.0
         z /= np.sqrt((z**2).sum(1))[:, None] + 1e-300
-        white[begin:begin + ABREAST] = z
+        white[begin:begin + abreast] = z
     return Held(listed, white)
 
 

@@ -93,7 +93,8 @@ class Held(NamedTuple):
     """What residuals are held against."""
 
     listed: tuple        # (place, ends, column) of each of `probes`
-    white: np.ndarray    # (S, N) the same through the filter, of unit norm
+    white: np.ndarray    # (S, N) the same through the filter, of unit norm; in single
+                         # precision, for a long record has many of them
 
     __repr__ = brief
 
