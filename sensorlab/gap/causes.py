@@ -10,7 +10,7 @@ from sensorlab.gap.account import (
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
-from sensorlab.gap.evidence import HOPELESS_NATS
+from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.filters import predict, solve
 from sensorlab.gap.readings import as_read
 from sensorlab.gap.screens import FEW, screened, usual_variance
@@ -84,7 +84,8 @@ class _Rival(NamedTuple):
     variant: str = ""
 
 
-LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters
+LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters, which
+                    # cost a long record more
 PRIOR_NONE = 0.5    # that nothing is missing
 PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
 
@@ -119,7 +120,7 @@ def further_causes(scene, acc, effects, processes=True):
     for group, probability, off in zip(groups, total, error[1:]):
         rival = rivals[group[0]]
         values, answer = rival.values, None
-        if rival.family and (probability > LISTED_FROM
+        if rival.family and (probability > LISTED_FROM / effort(scene)
                              or rival is best and alone < 0.5):
             found, answer = estimate_signature(
                 plain, reference, listed[rival.family - 1], samples, rival.family)

@@ -69,7 +69,10 @@ def _scored(scene, reference, latest, number, listed, table):
     """`_Scored` of hypothesis `number` at nodes of its posterior in the latest account.
     """
     h, past = reference.hypotheses[number], latest.samples[number]
-    theta = past.nodes(nodes_for(scene) if np.ptp(past.theta) else 1)
+    count = nodes_for(scene) if np.ptp(past.theta) else 1
+    if past.log_evidence[0] < latest.samples[latest.best].log_evidence[0] - RESCUED:
+        count = max(count // 8, 1)    # if a signature lifts it, that gives more nodes
+    theta = past.nodes(count)
 
     def of_part(theta):
         solved, result = solve(h, scene, reference.signatures, theta), []
