@@ -114,7 +114,8 @@ def test_gaps_of_any_length_leave_the_rest_even():
     part = np.repeat([0, 1, 2], [400, 350, 250])
     time = 0.02 * I + np.array([0.0, 8.373, 422.53])[part]
     found = clock("time", time + RNG.uniform(-0.0029, 0.0029, 1000))
-    assert_allclose(found.dt, 0.02, rtol=1e-4)
+    # gaps are taken for whole numbers of steps: up to half a step each, of 1000 steps
+    assert_allclose(found.dt, 0.02, rtol=1e-3)
     assert "but for 2 gaps" in found.said
     assert_array_equal(np.diff(found.slots)[np.diff(part) == 0], 1)
     assert_allclose(found.slots * found.dt, time, atol=0.012)
