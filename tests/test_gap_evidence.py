@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from conftest import DT, MODEL, member
 from numpy.testing import assert_allclose
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtri
 from scipy.stats import multivariate_normal
 
 import sensorid
@@ -39,6 +39,24 @@ def test_importance_sampling_of_a_sharp_correlated_gaussian():
     s = evidence.integrate(lambda theta: law.logpdf(theta).reshape(-1, 1), parameters)
     assert abs(s.log_evidence[0]) < 0.25    # the prior is 1 over the unit cube
     assert_allclose(s.weight @ s.theta, [0.3, 0.6, 0.5], atol=0.004)
+
+
+def test_a_guess_of_a_far_sharper_posterior_needs_few_points():
+    """As of a long record: a guess too wide, and off by some of its own widths."""
+    parameters = tuple(sensorid.Parameter(s, 0.0, 1.0) for s in "abcd")
+    law = multivariate_normal([0.3, 0.6, 0.5, 0.8], 1e-8)
+    asked = []
+
+    def log_likelihood(theta):
+        asked.append(len(theta))
+        return law.logpdf(theta).reshape(-1, 1)
+    at = ndtri(law.mean)
+    guess = at + 4e-4 * np.array([1.0, -1.0, 1.0, -1.0]), np.diag(np.full(4, 2e-7))
+    s = evidence.integrate(log_likelihood, parameters, [guess], effort=0.25)
+    assert abs(s.log_evidence[0]) < 0.6 and sum(asked) < 400
+    del asked[:]    # a rival that is better than its peak can ever be
+    evidence.integrate(log_likelihood, parameters, [guess], floor=60.0, effort=0.25)
+    assert len(asked) == 1
 
 
 def test_a_climb_finds_mode_and_covariance_of_a_gaussian():

@@ -18,24 +18,46 @@ def with_band(n=600, **values):
     return scene, member(scene, h), member(scene, h, "narrow_band_noise")
 
 
-def test_gains_of_bands_are_whittles():
-    rng = np.random.default_rng(1)
-    frequency, power = np.arange(1, 120) / 240.0, rng.exponential(size=119)
-    density, variance = rng.uniform(0.5, 2.0, 119), np.array([0.02, 0.7])
-    seen = spectra.Spectrum(frequency, power / power.mean(), density, np.ones(119))
-    tau, a, expected = 3.0, np.exp(-1.0 / 3.0), []
-    for middle in frequency:
+VARIANCE = np.array([0.02, 0.7])    # of bands
+
+
+def spectrum_and_gains(F, tau, density):
+    """A spectrum with a band, and Whittle's gain of one about each of its F
+    frequencies, sum by sum.
+    """
+    frequency = np.arange(1, F + 1) / (2.0 * F + 2.0)
+    a, expected = np.exp(-1.0 / tau), []
+
+    def shape(middle):
         away = 2.0 * np.pi * (frequency - middle)
-        shape = 0.5 * (1.0 - a * a) / np.abs(1.0 - a * np.exp(1j * away))**2
+        return 0.5 * (1.0 - a * a) / np.abs(1.0 - a * np.exp(1j * away))**2
+    power = np.random.default_rng(1).exponential(1.0 + 0.4 * shape(0.2) / density)
+    seen = spectra.Spectrum(frequency, power / power.mean(), density, np.ones(F))
+    for middle in frequency:
         gain = []
-        for v in variance:
-            ratio = 1.0 + v * shape / density
-            gain.append(-119 * np.log(np.mean(seen.power / ratio))
-                        - np.log(ratio).sum())
+        for v in VARIANCE:
+            ratio = 1.0 + v * shape(middle) / density
+            gain.append(-F * np.log(np.mean(seen.power / ratio)) - np.log(ratio).sum())
         expected.append(logsumexp(gain) - np.log(2))
+    return seen, np.array(expected)
+
+
+def test_gains_of_bands_are_whittles():
+    seen, expected = spectrum_and_gains(119, 3.0, np.random.default_rng(2).uniform(
+        0.5, 2.0, 119))
     tried = slice(None, None, 4)    # middles; between them it is interpolated
-    assert_allclose(spectra._band_gains(seen, 1.0, tau, variance)[tried],
+    assert_allclose(spectra._band_gains(seen, 1.0, 3.0, VARIANCE)[tried],
                     expected[tried], rtol=1e-9, atol=1e-9)
+
+
+def test_gains_of_wide_bands_need_no_fine_spectrum(monkeypatch):
+    seen, expected = spectrum_and_gains(1199, 3.0, np.linspace(2.0, 0.5, 1199))
+    coarse = spectra._band_gains(seen, 1.0, 3.0, VARIANCE)
+    monkeypatch.setattr(spectra, "PARTS", 10**9)
+    fine = spectra._band_gains(seen, 1.0, 3.0, VARIANCE)
+    assert expected.max() > 5.0 and 0.0 < np.abs(coarse - fine).max() < 0.2    # nats
+    # between middles, and beyond what a band is taken to reach
+    assert np.abs(fine - expected).max() < 0.8
 
 
 def test_frequencies_are_drawn_from_their_law():

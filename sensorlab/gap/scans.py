@@ -2,7 +2,7 @@
 steps at every onset, sinusoids at every frequency, pulses of every duration.
 
 A scan of a long record has millions of scores a node: it is a function that gives those
-of one node, so that they need not all be there at a time.
+of one node, so that they need not all be there at a time, and gains alone if asked to.
 """
 
 import itertools
@@ -18,7 +18,7 @@ from sensorlab.gap.signatures import (
 
 
 def _onset_scores(scene, family, solved):
-    def of_node(k):
+    def of_node(k, gains_alone=False):
         size, J = np.empty((2, 1, len(scene.y) - 1))
         _step_sizes(0, 1, *(part[k:k + 1] for part in solved[1:5]), size, J)
         return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
@@ -84,18 +84,23 @@ def _frequency_scores(scene, family, solved):
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency[fast] * scene.dt)
     count = np.sum(~np.isnan(scene.y))
 
-    def of_node(k):
+    def of_node(k, gains_alone=False):
         line = np.fft.rfft(solved.residual[k:k + 1], n)[:, first:-PADDING]
         number = np.stack([line[:, slow].real, -line[:, slow].imag], axis=-1)
-        square = line[:, fast].real**2 + line[:, fast].imag**2
+        square = line[:, fast].real**2
+        square += line[:, fast].imag**2
+        del line
         spectral = np.empty_like(square)
         _line_information(0, 1, turn, count, *(
             np.ascontiguousarray(part[k:k + 1])
             for part in (solved.own.a, solved.own.q, solved.own.r)), spectral)
-        return joined([
-            least_squares(frequency[slow], number, J[k:k + 1]),
-            Scores(frequency[fast], square / spectral, np.sqrt(square) / spectral,
-                   1.0 / np.sqrt(spectral), 2)])
+        below = least_squares(frequency[slow], number, J[k:k + 1])
+        if gains_alone:
+            square /= spectral
+            return Scores(frequency, np.append(below.gain, square, 1), None, None, 2)
+        return joined([below, Scores(
+            frequency[fast], square / spectral, np.sqrt(square) / spectral,
+            1.0 / np.sqrt(spectral), 2)])
     return of_node
 
 
@@ -149,14 +154,19 @@ def _pulse_scores(scene, family, solved):
             total += number * number / J
         return total
     mean = np.concatenate(side_by_side(mean_gain, parts))
-    likely = np.argsort(-mean, kind="stable")[:LIKELY]
+    likely = np.argpartition(-mean, min(LIKELY, len(mean) - 1))[:LIKELY]
     found = scores_at(scene, family, solved, map(tuple, psi[likely]))
 
-    def of_node(k):
+    def of_node(k, gains_alone=False):
         number, J = np.empty((2, len(psi)))
         for part in parts:
             own = slice(*part[-1])
             numbers(k, part, number[own], J[own])
+        if gains_alone:
+            number *= number
+            number /= J
+            number[likely] = found.gain[k]
+            return Scores(psi, number[None], None, None, 1)
         gain, size, sd = number * number / J, number / J, 1.0 / np.sqrt(J)
         gain[likely], size[likely], sd[likely] = (
             of[k] for of in (found.gain, found.size, found.sd))
@@ -202,7 +212,7 @@ def family_bayes(scene, family, solved, table):
     if family.psi is not None:
         return bayes(scores_at(scene, family, solved))
     of_node = SEARCHES[family.effect.search](scene, family, solved)
-    return np.concatenate(side_by_side(lambda k: bayes(of_node(k)),
+    return np.concatenate(side_by_side(lambda k: bayes(of_node(k, True)),
                                        range(len(solved.base))))
 
 

@@ -130,7 +130,7 @@ def _log_bayes(richer, scene, seen, theta):
 TAU_STEP, SIGMA_STEP = 2.5, 2.0    # ratio of one node of a band to the next
 REACH = 12    # half widths of a band to either side of its middle that are looked at
 FINE = 3      # middles tried in a half width
-PARTS = 8     # of a half width, over which the spectrum is averaged
+PARTS = 16    # of a half width, over which the spectrum is averaged
 
 
 def _with_law(richer, scene, seen):
