@@ -55,9 +55,9 @@ def test_gains_of_wide_bands_need_no_fine_spectrum(monkeypatch):
     coarse = spectra._band_gains(seen, 1.0, 3.0, VARIANCE)
     monkeypatch.setattr(spectra, "PARTS", 10**9)
     fine = spectra._band_gains(seen, 1.0, 3.0, VARIANCE)
-    assert expected.max() > 5.0 and 0.0 < np.abs(coarse - fine).max() < 0.2    # nats
-    # between middles, and beyond what a band is taken to reach
-    assert np.abs(fine - expected).max() < 0.8
+    # by interpolation between middles, and by what lies beyond the reach of a band
+    off = np.abs(fine - expected).max()
+    assert 0.0 < np.abs(coarse - fine).max() < off < 0.15 * expected.max()
 
 
 def test_frequencies_are_drawn_from_their_law():
