@@ -156,31 +156,27 @@ def blocks(scene, family, psi=None):
     """`Block` after block of a family's signatures at psi, by default all that it has,
     in all variants.
     """
-    x, parts, N = scene.columns.get(family.column), [], len(scene.y)
+    x, N = scene.columns.get(family.column), len(scene.y)
+    values, variants, block = [], [], None
     for value in family.psi if psi is None else psi:
         for variant, columns in family.effect.columns(scene, x, value):
+            k = columns.shape[-1]
             if columns.shape not in ((N, 1), (N, 2)):
                 raise ValueError(
                     f"effect {family.effect.name} builds columns of shape "
                     f"{columns.shape}: ({N}, 1) or ({N}, 2) are needed")
-            if np.any(columns):
-                parts.append((value, variant, columns.T))
-        if parts and (len(parts) + 1) * len(parts[0][2]) * N > max(
-                BLOCK, ROWS[len(parts[0][2])] * N):
-            yield _block(parts)
-    if parts:
-        yield _block(parts)
-
-
-def _block(parts):
-    """`Block` of some parts, which are used up: a long record has no room for both."""
-    psi, variant = [p[0] for p in parts], [p[1] for p in parts]
-    columns = np.empty((len(parts), *parts[0][2].shape))
-    for number in range(len(parts)):
-        columns[number] = parts[number][2]
-        parts[number] = None
-    parts.clear()
-    return Block(psi, variant, columns)
+            if not np.any(columns):
+                continue
+            if not values:
+                block = np.empty((max(BLOCK // (k * N), ROWS[k] // k), k, N))
+            block[len(values)] = columns.T
+            values.append(value)
+            variants.append(variant)
+            if len(values) == len(block):
+                yield Block(values, variants, block)
+                values, variants, block = [], [], None
+    if values:
+        yield Block(values, variants, block[:len(values)])
 
 
 def scores_at(scene, family, solved, psi=None):
