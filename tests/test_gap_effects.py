@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
 from sensorlab.gap import filters
+from sensorlab.gap.account import fixed
 
 
 def shaped(numerator, denominator, lag):
@@ -182,3 +183,11 @@ def test_a_bank_with_effects_is_that_of_its_filters(name, variant):
         for part, expected in zip(b, (one.Phi, one.Gamma @ one.Gamma.swapaxes(1, 2),
                                       one.H, one.Psi**2, one.m0, one.P0)):
             assert_allclose(part[node], expected, rtol=1e-12)
+
+
+def test_a_low_pass_does_not_smooth_the_rounding():
+    scene = Scene(np.zeros(100), DT, {})
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=2.0))
+    h = h.joined(Found(CATALOGUE["quantization"], values=fixed(lsb=1.2)))
+    filt = h.with_effect(CATALOGUE["bandwidth"]).filter(DT, np.array([2.0, 1.2, 5.0]))
+    assert_allclose(filt.Psi, np.sqrt(1.2**2 / 12.0))    # all the rest is correlated

@@ -187,8 +187,12 @@ class Member(NamedTuple):
         theta = iter(np.moveaxis(self.in_units(np.moveaxis(theta, 0, -1)), -1, 0))
         filt = self.hypothesis.filter(dt, [next(theta) for _ in
                                            self.hypothesis.parameters])
-        for one in self.effects:
-            own = {symbol: next(theta) for symbol in one.values}
+        values = [{symbol: next(theta) for symbol in one.values}
+                  for one in self.effects]
+        # what alters the values comes after all that makes them: a low-pass of the
+        # sensor does not smooth the rounding
+        for one, own in sorted(zip(self.effects, values),
+                               key=lambda pair: bool(pair[0].effect.reading)):
             if one.effect.model:
                 form = dict(variant=one.variant) if one.effect.variants else {}
                 filt = one.effect.model(self.scene, filt, **form, **own)
