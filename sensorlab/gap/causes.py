@@ -438,8 +438,9 @@ class Beyond(NamedTuple):
         share = 0.5 if self.least > 0.0 else 0.0    # below the range; none below zero
         below = np.minimum(u / share, 1.0) if share else 1.0
         above = np.minimum((1.0 - u) / (1.0 - share), 1.0)
-        return np.clip(np.where(u < share, self.least * below, self.most
-                                / np.maximum(above, 1e-300)), self.low, self.high)
+        above = np.maximum(above, self.most / self.high)
+        return np.clip(np.where(u < share, self.least * below, self.most / above),
+                       self.low, self.high)
 
     @property
     def mean(self):
