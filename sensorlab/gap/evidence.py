@@ -152,7 +152,7 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         An evidence this low need not be known well.
     seed : int
     effort : float
-        Share of ENOUGH_POINTS at which it is done, and of ROUND.
+        Share of ENOUGH_POINTS at which it is done, and of ROUND down to a GROUP.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
     -----
     J.-M. Cornuet, J.-M. Marin, A. Mira, C. Robert, "Adaptive multiple importance
     sampling", Scand. J. Stat. 39, 2012. Coordinates in which the prior is N(0, I) have
-    no edges. Early proposals follow the tempered posterior.
+    no edges. Early proposals follow a guess that hit, or else the tempered posterior.
     """
     sought = [c for c, p in enumerate(parameters) if hasattr(p, "log_ratio")]
 
