@@ -258,6 +258,8 @@ def _root(missed, at, step, moves):
             break
         move = -np.linalg.pinv(slope) @ at_best
         taken = np.sqrt(move @ metric @ move)
+        if not taken > 0.0:    # nowhere to go
+            break
         move *= min(1.0, bound / taken)
         at = np.maximum(best + move * step, 0.5 * best)
     return best
