@@ -7,6 +7,7 @@ from scipy import integrate as quadrature
 from scipy.stats import norm
 
 import sensorid
+from figures import hostile
 from sensorlab import CATALOGUE, Scene
 from sensorlab.gap import directed, filters, scans, signatures
 from sensorlab.gap.account import account
@@ -36,8 +37,9 @@ def test_no_pulse_gains_more_than_by_least_squares():
     solved = filters.solve(h, scene, (), theta)
     found = scans.scores(scene, signatures.Family(CATALOGUE["pulse"], ""), solved)
     inverse = np.linalg.inv(dense(theta[0], 400))
-    likely = found.gain[0].argsort()[-scans.LIKELY:]
-    for i in [*np.random.default_rng(0).integers(0, len(found.psi), 20), *likely]:
+    grid = len(found.psi) - len(scans._between_edges(scene, solved))
+    likely = found.gain[0, :grid].argsort()[-scans.LIKELY:]
+    for i in [*np.random.default_rng(0).integers(0, grid, 20), *likely]:
         onset, duration = found.psi[i]
         s = ((scene.time >= onset) & (scene.time < onset + duration)).astype(float)
         b, J = s @ inverse @ y, s @ inverse @ s
@@ -45,6 +47,27 @@ def test_no_pulse_gains_more_than_by_least_squares():
         assert 0.5 < found.gain[0, i] / (b * b / J) < 1.0 + 1e-8
         if i in likely:
             assert_allclose(found.gain[0, i], b * b / J, rtol=1e-8)
+
+
+def test_a_pulse_on_a_walk_is_found_between_its_edges():
+    # edges are known to a few samples: no pulse of a grid has both
+    rng = np.random.default_rng(3)
+    y = hostile.record(rng, sigma_v=0.5, sigma_w=0.05)
+    y[407:527] += 3.0
+    model = hostile.simulator()
+    scene, theta = Scene(y, 1.0, {}), np.array([[0.05, 0.5]])
+    solved = filters.solve(member(scene, model[0]), scene, (), theta)
+    family = signatures.Family(CATALOGUE["pulse"], "")
+    found = scans.scores(scene, family, solved)
+    best = found.gain[0].argmax()
+    onset, n = found.psi[best].astype(int)
+    assert_allclose((onset, onset + n), (407, 527), atol=3)
+    # B of the pulse stands for its mean over the cell of the grid that it lies in
+    step, apart = n // scans.PARTS, n * np.log(scans.DURATION_STEP)
+    near = [(onset + i, n + j - i) for i in range(-8, 9) for j in range(-8, 9)]
+    gain = scans.scores_at(scene, family, solved, near).gain[0]
+    mean = np.exp(0.5 * (gain - gain.max())).sum() / (step * apart)
+    assert_allclose(0.5 * (found.gain[0, best] - gain.max()), np.log(mean), atol=0.7)
 
 
 def test_bayes_factor_of_a_size_is_the_integral_over_it():

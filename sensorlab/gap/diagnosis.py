@@ -117,17 +117,14 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         raw.y, [r.found for r in shared + new]))
     base = _with_readings(full, bases, free, shared)
     before = alone = _surely(full, base, trials, seed)
-    own = None if simulated is None else Twins(full, base, alone, simulated)
+    own = None if simulated is None else Twins(full, base, simulated, seed)
     if own:
         before = less_shared(alone, own.distances)
 
     def measured(acc, near=None, trials=trials, before=alone):
         say("measuring what is left", 2)
         gap = _surely(full, acc, trials, seed + 1, before, near)
-        if own is None:
-            return gap
-        own.follow(gap, acc)
-        return less_shared(gap, own.distances, before)
+        return less_shared(gap, own.distances, before) if own else gap
     start = _with_readings(full, bases, free, shared + new) if new else base
     found = Cause(tuple(r.found._replace(values={
         symbol: (value, 0.0) for symbol, value in r.found.values.items()})

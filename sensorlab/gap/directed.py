@@ -167,7 +167,7 @@ def _sizes(h, scene, signatures, family, theta, share):
     theta, times = np.unique(theta, axis=0, return_counts=True)
     if is_coarse(scene, family):
         one = solve(h, scene, signatures, theta[times.argmax()][None])
-        family = refined(scene, family, scores(scene, family, one))
+        family = refined(scene, family, one)
     found = scores(scene, family, solve(h, scene, signatures, theta))
     best = found.gain.max(0)
     near = np.flatnonzero(best > best.max() - 60.0)

@@ -9,9 +9,11 @@ import itertools
 
 import numpy as np
 from numba import njit
+from scipy.signal import find_peaks
 
 from sensorlab.gap.catalogue import MIN_CYCLES, MIN_PULSE
 from sensorlab.gap.effects import LONG_RECORD
+from sensorlab.gap.evidence import normalized
 from sensorlab.gap.kernels import KERNEL, side_by_side, spectrum
 from sensorlab.gap.signatures import (
     Scores, blocks, information, joined, least_squares, mean_bayes, scores_at)
@@ -118,10 +120,12 @@ KNOTS = 0.0, 0.05, 0.5, 0.95, 1.0    # of all onsets, where the information of a
                                      # is exact
 PARTS = 4              # of its duration, by which onsets are apart
 LIKELY = 32            # pulses whose information is exact wherever they are
+EDGES = 12             # onsets of steps that may be edges of a pulse
 
 
 def _pulse_scores(scene, family, solved):
-    """Pulses of any duration, which begin a fourth of it apart at most.
+    """Pulses of any duration, which begin a fourth of it apart at most, and those
+    between two likely edges, which a walk shows to a few samples.
 
     Between two knots their information is taken to be the larger of both, so that no
     gain is too large; that of the likely ones is exact.
@@ -155,10 +159,18 @@ def _pulse_scores(scene, family, solved):
         return total
     mean = np.concatenate(side_by_side(mean_gain, parts))
     likely = np.argpartition(-mean, min(LIKELY, len(mean) - 1))[:LIKELY]
-    found = scores_at(scene, family, solved, map(tuple, psi[likely]))
+    between = _between_edges(scene, solved)
+    found = scores_at(scene, family, solved, [*map(tuple, psi[likely]), *(
+        (onset * scene.dt, n * scene.dt) for onset, n in between)])
+    count = len(likely)
+    less = np.array([_share(solved.residual, *pulse, 1.0 / sd**2)
+                     for pulse, sd in zip(between, found.sd[:, count:].T)])
+    found.gain[:, count:] = np.maximum(found.gain[:, count:] + 2.0 * np.log(less), 0.0)
+    psi = np.vstack([psi, np.reshape(found.psi[count:], (-1, 2))])
+    likely = np.append(likely, np.arange(ends[-1], len(psi)))
 
     def of_node(k, gains_alone=False):
-        number, J = np.empty((2, len(psi)))
+        number, J = np.ones((2, len(psi)))
         for part in parts:
             own = slice(*part[-1])
             numbers(k, part, number[own], J[own])
@@ -172,6 +184,40 @@ def _pulse_scores(scene, family, solved):
             of[k] for of in (found.gain, found.size, found.sd))
         return Scores(psi, gain[None], size[None], sd[None], 1)
     return of_node
+
+
+def _between_edges(scene, solved):
+    """(first sample, samples) of pulses between the likeliest onsets of steps of
+    opposite sign.
+    """
+    N, M = len(scene.y), len(solved.base)
+    size, J = np.empty((2, 1, N - 1))
+    gain, mean = np.zeros((2, N - 1))
+    for k in range(M):
+        _step_sizes(0, 1, *(part[k:k + 1] for part in solved[1:5]), size, J)
+        gain += size[0]**2 * J[0] / M
+        mean += size[0] / M
+    peaks, how = find_peaks(gain, prominence=1.0)
+    peaks = np.sort(peaks[np.argsort(-how["prominences"])[:EDGES]])
+    return [(i + 1, j - i) for i, j in itertools.combinations(peaks.tolist(), 2)
+            if mean[i] * mean[j] < 0.0 and MIN_PULSE <= j - i <= N // 2]
+
+
+def _share(residual, onset, n, J):
+    """What a pulse stands for, of the cell that one of the grid of its duration stands
+    for: its peak may be narrower.
+
+    Where an edge moves by few samples, the information J (M,) is about the same.
+    """
+    area, reach = 1.0, max(n // (2 * PARTS), 1)
+    number, J = residual[:, onset:onset + n].mean(0).sum(), J.mean()
+    for edge in onset, onset + n:
+        low, high = max(edge - reach, 0), min(edge + reach, residual.shape[1])
+        sums = np.cumsum(residual[:, low:high].mean(0))
+        moved = sums - sums[edge - low - 1]
+        near = number - moved if edge == onset else number + moved
+        area *= np.exp(np.minimum(0.5 * (near**2 - number**2) / J, 50.0)).sum()
+    return min(area / (max(n // PARTS, 1) * n * np.log(DURATION_STEP)), 1.0)
 
 
 @njit(**KERNEL)
@@ -221,18 +267,13 @@ def is_coarse(scene, family):
     return bool(family.effect.search != "onset" and family.effect.parameters(scene))
 
 
-def refined(scene, family, found):
+def refined(scene, family, solved):
     """The family again, finer where a coarse search found mass."""
-    effect = family.effect
+    effect, found = family.effect, scores(scene, family, solved)
     mass = np.exp(0.5 * (found.gain - found.gain.max())).sum(0)
     if effect.search == "pulse":
-        onset, length = np.round(found.psi[mass.argmax()] / scene.dt).astype(int)
-        near = length * (DURATION_STEP - 1.0) * np.linspace(-1.0, 1.0, 13)
-        ends = np.unique(np.round(near).astype(int))
-        return family._replace(psi=tuple(
-            ((onset + i) * scene.dt, (length + j - i) * scene.dt)
-            for i in ends for j in ends if onset + i > 0 and length + j - i >= MIN_PULSE
-            and onset + length + j <= len(scene.y)))
+        return _resolved(scene, family, solved, *np.round(
+            found.psi[mass.argmax()] / scene.dt).astype(int))
     near = np.flatnonzero(mass > 1e-4 * mass.max())
     low, high = found.psi[max(near[0] - 1, 0)], found.psi[
         min(near[-1] + 1, len(found.psi) - 1)]
@@ -244,3 +285,27 @@ def refined(scene, family, found):
     (prior,) = effect.parameters(scene)
     return family._replace(psi=tuple(prior._replace(
         low=low, high=high).quantile(np.linspace(0.0, 1.0, 40))))
+
+
+RESOLVED = 9.0    # pulses that have the mass of a grid which is fine enough
+
+
+def _resolved(scene, family, solved, onset, n):
+    """The family about a pulse of n samples, its ends ever closer until the grid
+    resolves what is known of them.
+    """
+    apart = (DURATION_STEP - 1.0) * n / 6.0
+    while True:
+        ends = np.unique(np.round(apart * np.arange(-6, 7)).astype(int))
+        family = family._replace(psi=tuple(
+            ((onset + i) * scene.dt, (n + j - i) * scene.dt)
+            for i in ends for j in ends if onset + i > 0 and n + j - i >= MIN_PULSE
+            and onset + n + j <= len(scene.y)))
+        if apart <= 1.0:
+            return family
+        found = scores_at(scene, family, solved)
+        mass = normalized(0.5 * found.gain.mean(0))
+        if 1.0 / np.sum(mass**2) > RESOLVED:
+            return family
+        first, duration = np.round(found.psi[mass.argmax()] / scene.dt).astype(int)
+        onset, n, apart = first, duration, apart / 3.0

@@ -7,28 +7,38 @@ import numpy as np
 
 from sensorlab.gap.account import account
 from sensorlab.gap.causes import further_causes
-from sensorlab.gap.distance import p_values
+from sensorlab.gap.distance import distance, enough_trials, p_values
 from sensorlab.gap.readings import as_read
+
+MEASURED = 4       # records of a simulator, or parts of them as long as the real one
+TRIALS_TWIN = 60   # simulated records beside each
 
 
 class Twins:
-    """Records of a simulator, less what is taken away from the real one."""
+    """Records of a simulator, less what is taken away from the real one, each beside
+    the account that describes it best: its parameters are its own.
+    """
 
-    def __init__(self, full, base, gap, records):
+    def __init__(self, full, base, records, seed):
         records = np.atleast_2d(np.asarray(records, float))
-        self.records = records - np.resize(full.known, records.shape[1])
-        self.distances = _of_others(gap, self.records)
-        scene = full.cut(slice(records.shape[1]))
-        self.scene = as_read(scene._replace(y=self.records[0, :len(scene.y)]),
-                             base.readings)
-        self.account = account(
-            self.scene, base.bases, base.hypotheses,
-            tuple(s._replace(columns=s.columns[:len(scene.y)])
-                  for s in base.signatures), base.readings)
+        self.scenes = [full._replace(y=y) for y in _parts(
+            records - np.resize(full.known, records.shape[1]), len(full.y))]
+        self.seed = seed
+        self._describe(base)
+
+    def _describe(self, like):
+        """An account of every record like another, and its distances from that."""
+        self.accounts = [account(
+            as_read(scene, like.readings), like.bases, like.hypotheses,
+            like.signatures, like.readings) for scene in self.scenes]
+        self.distances = np.array([distance(scene, acc, min(
+            TRIALS_TWIN, enough_trials(scene)), self.seed).distance
+            for scene, acc in zip(self.scenes, self.accounts)])
 
     def show(self, one):
         """Do they show an effect that a record shows, with the same parameters?"""
-        look = further_causes(self.scene, self.account, [one.effect])
+        own = self.accounts[0]
+        look = further_causes(as_read(self.scenes[0], own.readings), own, [one.effect])
         best = next((c.found[0] for c in look.causes if c.found), None)
         size = one.effect.size
         if look.account is None or best.column != one.column or not all(
@@ -36,20 +46,20 @@ class Twins:
                 else _alike(symbol, one.values[symbol], value)
                 for symbol, value in best.values.items() if symbol != "phase"):
             return False
-        self.account = look.account    # described as the record is
+        self._describe(look.account)    # as the record is
         return True
 
 
-    def follow(self, gap, acc):
-        """Measure them by the ruler of a gap to an account that describes them, too."""
-        if _inside(acc) == _inside(self.account):
-            self.distances = _of_others(gap, self.records)
-
-
-def _inside(acc):
-    """Names of all effects of an account."""
-    return sorted([*(one.key for one in acc.member.effects), *(
-        s.found.name for s in acc.signatures)])
+def _parts(records, N):
+    """Some parts (N,) of records (L, M), evenly from all; of a shorter one, the rest is
+    missing.
+    """
+    L, M = records.shape
+    whole = max(M // N, 1) * N
+    padded = np.full((L, max(whole, M)), np.nan)
+    padded[:, :M] = records
+    parts = padded[:, :whole].reshape(-1, N)
+    return parts[np.unique(np.linspace(0, len(parts) - 1, MEASURED).astype(int))]
 
 
 ALIKE = 3.0     # standard errors by which two estimates of one parameter may differ
@@ -64,17 +74,6 @@ def _alike(symbol, one, other):
         return mean == again
     moved = 0.0 if symbol == "onset" else MOVED * abs(mean)
     return abs(mean - again) <= ALIKE * np.hypot(sd, its_sd) + moved
-
-
-def _of_others(gap, records):
-    """Distances (L', S) of other records (L, M) like that of a gap: of all their parts
-    as long as it; of a shorter one, the rest is missing.
-    """
-    N = len(gap.z)
-    whole = max(records.shape[1] // N, 1) * N
-    padded = np.full((len(records), max(whole, records.shape[1])), np.nan)
-    padded[:, :records.shape[1]] = records
-    return gap.ruler.measured(padded[:, :whole].reshape(-1, N))
 
 
 UNLIKE = 0.1    # of a distance that two records share: what they may differ by
