@@ -44,6 +44,14 @@ def test_what_both_have_is_no_gap_and_what_one_has_is(known):
                                              ).verdict.split("+")
 
 
+def test_a_parameter_that_moved_leaves_no_gap_behind(known):
+    # the simulator's own record lies far from the fit of this one
+    y, simulator = known
+    other = sensor(np.random.default_rng(8), sigma=0.9)
+    d = sensorlab.diagnose(other, DT, simulator, simulated=y[None])
+    assert d.verdict == "wrong_parameter" and d.remainder.where == -1
+
+
 def test_gaps_measured_with_more_records_than_before_stand_beside_each_other(known):
     y, simulator = known
     d = sensorlab.diagnose(y, DT, simulator)
