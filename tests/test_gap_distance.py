@@ -5,6 +5,7 @@ import numba
 import numpy as np
 import pytest
 from conftest import DT, MODEL
+from numpy.testing import assert_allclose
 from scipy.stats import binom, kstest
 
 import sensorid
@@ -48,6 +49,18 @@ def test_the_error_of_a_p_value_is_its_spread_over_sets_of_simulated_records():
     spread = np.std([np.log(gap.p_value) for gap in gaps])
     told = np.mean([distance.log_p_error(gap) for gap in gaps])
     assert 0.5 < spread / told < 2.0 and spread > 0.05
+
+
+def test_simulated_records_that_are_added_are_those_that_follow():
+    y = sensorid.simulate(MODEL[1:], DT, 600, seed=5).error[0]
+    scene = Scene(0.5 * np.round(y / 0.5), DT, {})
+    fit = account.account(scene, members(Simulator(MODEL), scene))
+    whole = distance.distance(scene, fit, 50, before=distance.distance(scene, fit, 10))
+    part = distance.distance(scene, fit, 20, before=distance.distance(scene, fit, 10))
+    more = distance.distance(scene, fit, 50, before=distance.distance(scene, fit, 10),
+                             near=part)
+    for name in ("distance", "null", "beside"):
+        assert_allclose(getattr(more, name), getattr(whole, name), rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one thread only")

@@ -10,7 +10,8 @@ import sensorlab
 from sensorlab import Found
 from sensorlab.gap import causes, diagnosis
 from sensorlab.gap.diagnosis import augmented, diagnose
-from sensorlab.gap.verdict import split_families, unknown_probability, verdict_of
+from sensorlab.gap.verdict import (
+    common, split_families, unknown_probability, verdict_of)
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
 
@@ -39,6 +40,15 @@ def test_what_is_left_stands_beside_what_is_found():
     assert verdict(sinusoid_and_unknown=0.9, sinusoid=0.1) == "sinusoid+unknown"
     assert verdict(unknown=0.3, sinusoid_and_unknown=0.4, sinusoid=0.3
                    ) == "sinusoid+unknown"
+
+
+def test_what_stays_beside_the_unknown_does_so_in_every_set():
+    band, line = (Found(EFFECTS[name], values=dict(frequency=(10.0, 0.1)))
+                  for name in ("narrow_band_noise", "sinusoid"))
+    # beside another line the values are others
+    moved = band._replace(values=dict(frequency=(10.2, 0.1)))
+    assert common((line, moved), [band]) == (moved,)
+    assert common((line, moved, line), [line, band]) == (line, moved)
 
 
 def test_a_family_is_named_where_its_members_split_it():

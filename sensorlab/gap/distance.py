@@ -33,12 +33,23 @@ class Gap(NamedTuple):
     ruler: tuple              # what measures other records in the same way
     beside: np.ndarray        # (B, S) distances of the same simulated records from
                               # another simulator; None if there is no other
+    drawn: tuple              # of Drawn: the simulated records
 
     __repr__ = brief
 
     def rms(self, where=slice(None)):
         """Root mean square of some distances; about 1 where nothing is missing."""
         return float(np.sqrt(np.mean(self.distance[where]**2)))
+
+
+class Drawn(NamedTuple):
+    """Some simulated records, as they are measured."""
+
+    statistics: np.ndarray    # (B, S)
+    gains: np.ndarray         # (B, d)
+    beside: np.ndarray        # (B, S) distances from another simulator, or None
+
+    __repr__ = brief
 
 
 POSTERIOR_NODES = 24    # parameters that stand for a posterior
@@ -94,30 +105,39 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     With `first`, of the samples from that one on, which had no part in the fit: nothing
     is taken away, but the simulated records have parameters drawn from the posterior.
     With `before`, the gap to another simulator, the simulated records are held against
-    that one as well. `near` is the gap to a like account, if it is known.
+    that one as well. `near` is the gap to a like account, if it is known; of this very
+    account, its simulated records are the first.
     """
     trials = trials or enough_trials(scene)
-    setting = _setting(scene, acc, first)
-    fit = _Refit(setting, [] if first else free_columns(acc.member.parameters))
-    truth = fit.truth(seed, near)
+    again = near is not None and near.ruler.fit.setting.acc is acc
+    if again:
+        fit, truth, held = near.ruler.fit, near.theta, near.ruler.held
+        setting, drawn = fit.setting, list(near.drawn)
+    else:
+        setting, drawn = _setting(scene, acc, first), []
+        fit = _Refit(setting, [] if first else free_columns(acc.member.parameters))
+        truth = fit.truth(seed, near)
+        held = _whitened_probes(acc, scene, setting.own[0], setting.late)
     simulator = setting.simulator(
         *(acc.sample.nodes(POSTERIOR_NODES) if first else [truth]))
-    ruler = _Ruler(fit, _whitened_probes(acc, scene, setting.own[0], setting.late))
+    ruler = _Ruler(fit, held)
     real, stats, gain = ruler.laid(scene.y[None], setting.own)
     block = int(np.clip(BLOCK // len(scene.y), 1, -(-trials // 2)))
 
     def measured(number):
         read = setting.drawn(simulator, min(block, trials - number), seed, number)
         _, part, gains = ruler.laid(*read)
-        return part.value, gains, (
-            np.empty(0) if before is None else before.ruler.measured(read[0]))
-    T, s, beside = zip(*side_by_side(measured, range(0, trials, block)))
-    ruler, null = ruler.marked(np.vstack(T), np.vstack(s), stats)
+        return Drawn(part.value, gains, None if before is None else
+                     before.ruler.measured(read[0]))
+    known = sum(len(part.gains) for part in drawn)
+    drawn += side_by_side(measured, range(known, trials, block))
+    ruler, null = ruler.marked(np.vstack([part.statistics for part in drawn]),
+                               np.vstack([part.gains for part in drawn]), stats)
     d = ruler.distances(stats.value, gain)[0]
     stats = stats._replace(value=stats.value[0])
     return Gap(stats, d, null, *p_values(stats.place, ruler.usable, d, null), truth,
-               real.z[0, 0], real.log_score[0, 0], ruler,
-               None if before is None else np.vstack(beside))
+               real.z[0, 0], real.log_score[0, 0], ruler, None if before is None else
+               np.vstack([part.beside for part in drawn]), tuple(drawn))
 
 
 def p_values(listed, usable, d, null):

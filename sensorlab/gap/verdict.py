@@ -50,7 +50,7 @@ def all_causes(search, start, before, rest, staying):
     of_total = np.linalg.norm([c.error for c in search.leaves.values()])
     all_stay = search.path.found and len(staying) == len(search.path.found)
     for c in search.leaves.values():
-        beside = tuple(one for one in c.found if one in staying or all_stay)
+        beside = c.found if all_stay else common(c.found, staying)
         for one, part in ((c, 1.0 - unknown), (c._replace(
                 found=(*beside, Found(UNKNOWN))), unknown)):
             own = scaled(c._replace(error=np.hypot(
@@ -62,6 +62,16 @@ def all_causes(search, start, before, rest, staying):
     for c in (Cause((), 0.0, 0.0), Cause((Found(UNKNOWN),), 0.0, 0.0)):
         chance.setdefault(c.effect, c)
     return tuple(sorted(chance.values(), key=lambda c: -c.probability))
+
+
+def common(found, staying):
+    """Those of some effects that stay; what else is found moves their values."""
+    left, result = [(one.name, one.column) for one in staying], []
+    for one in found:
+        if (one.name, one.column) in left:
+            left.remove((one.name, one.column))
+            result.append(one)
+    return tuple(result)
 
 
 def present(causes):
