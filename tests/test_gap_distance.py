@@ -89,16 +89,16 @@ def test_a_root_is_found_though_the_slopes_that_are_told_are_wrong():
 
     def missed(at):
         return true @ (at - root), 5.0 * np.eye(2)
-    at = distance._root(missed, np.ones(2), np.ones(2), 24)
+    at = distance._root(missed, [np.ones(2)], np.ones(2), 24)
     assert np.linalg.norm(missed(at)[0]) < np.sqrt(5.0) * distance.THERE
 
 
 def test_a_search_without_a_root_stays_where_it_was_best():
     def missed(at):
         return np.array([2.0 + np.abs(at[0] - 3.0)]), np.eye(1)
-    at = distance._root(missed, np.ones(1), np.ones(1), 24)
+    at = distance._root(missed, [np.ones(1)], np.ones(1), 24)
     assert missed(at)[0] <= missed(np.ones(1))[0]
-    assert distance._root(lambda at: (np.array([np.nan]), np.eye(1)), np.ones(1),
+    assert distance._root(lambda at: (np.array([np.nan]), np.eye(1)), [np.ones(1)],
                           np.ones(1), 24) == 1.0
 
 

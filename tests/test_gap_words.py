@@ -105,14 +105,15 @@ def test_a_gain_of_prediction_is_one_of_its_error():
 
 def test_the_experiment_for_every_effect_named_is_told(answers):
     d, _ = answers["bias_step"]
-    (said,) = [text for text in words.advice(d) if "bias_step" in text]
+    (said,) = [text for text in words.advice(d, "u") if "bias_step" in text]
     assert CATALOGUE["bias_step"].experiment in said
-    said = " ".join(words.advice(d._replace(verdict="temperature or thermal_lag")))
+    said = " ".join(words.advice(
+        d._replace(verdict="temperature or thermal_lag"), "u"))
     assert all(CATALOGUE[name].experiment in said
                for name in ("temperature", "thermal_lag"))
     d, _ = answers["undecided"]
-    assert "a record of about 5000 s would tell" in " ".join(words.advice(d))
-    assert not list(words.advice(answers["none"][0]))
+    assert "a record of about 5000 s would tell" in " ".join(words.advice(d, "u"))
+    assert not list(words.advice(answers["none"][0], "u"))
 
 
 def test_a_column_of_two_clusters_is_told_from_one():

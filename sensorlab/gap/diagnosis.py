@@ -18,9 +18,10 @@ from sensorlab.gap.effects import (
     BLOCK, Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
-from sensorlab.gap.readings import Reading, as_read, latent_mean, readings
+from sensorlab.gap.readings import (
+    Reading, as_read, is_moved, latent_mean, readings)
 from sensorlab.gap.remainder import Remainder, parts, remainder
-from sensorlab.gap.search import Search, search
+from sensorlab.gap.search import Search, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared
 from sensorlab.gap.verdict import (
     all_causes, names_all, names_in, needed_duration, unknown_error, verdict_of)
@@ -130,17 +131,23 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         symbol: (value, 0.0) for symbol, value in r.found.values.items()})
         for r in new), 1.0, sum(r.log_bayes for r in new))
 
-    def described(effects):
-        done = search(full, start, found, effects, before, measured,
-                      own.show if own else lambda one: False)
+    def described(done):
         return _described(full, done, before, measured)
-    by = described(effects)
+
+    def sought(effects):
+        return described(search(full, start, found, effects, before, measured,
+                                own.show if own else lambda one: False))
+    by = sought(effects)
     causes = all_causes(by.search, start, before, by.rest, [
         one for one, part in zip(by.found, by.parts) if part.stays])
     verdict = verdict_of(causes)
-    if not names_all(verdict, by.found):    # a rival of what is named was the first
-        named = described([e for e in effects if e.name in names_in(verdict)])
-        by = named if names_all(verdict, named.found) else by
+    if not names_all(verdict, by.found):
+        names = set(names_in(verdict))
+        if names <= {"unknown", *(one.name for one in by.found)}:
+            by = described(narrowed(full, by.search, names, measured))
+        else:    # a rival of what is named was the first
+            named = sought([e for e in effects if e.name in names])
+            by = named if names_all(verdict, named.found) else by
     final, after = by.search.account, by.search.after
     seen = max(np.sum(~np.isnan(as_read(full, start.readings).y)), 1)
     more = final.signatures or len(final.member.effects) > len(start.member.effects)
@@ -330,7 +337,8 @@ def _readings(raw, simulator):
     seen = {r.found.name: r for r in readings(raw)}
     shared = {name: r._replace(log_bayes=0.0) for name, r in seen.items()
               if name in own and _alike(own[name].values, r.found.values)}
-    absent = [Reading(one, 0.0, np.zeros(len(raw.y), bool), False)
+    absent = [Reading(one, 0.0, np.zeros(len(raw.y), bool), False,
+                      name == "quantization" and is_moved(raw.y, one.values["lsb"]))
               for name, one in own.items() if name not in seen and name != "stuck"]
     return (*shared.values(), *absent), tuple(
         r for name, r in seen.items() if name not in shared)

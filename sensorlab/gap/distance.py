@@ -57,7 +57,7 @@ TRIALS = 199    # simulated records behind every p-value
 MOVED = 48      # simulated records behind a move of indirect inference
 MOVES = 24      # moves for a record that readings hide, at most
 THERE = 0.2     # standard deviations, some 1 / sqrt(MOVED): a shorter move is none
-BOUND = 1.0     # of the first move
+BOUND = 2.0     # of the first move
 FEWER = (LONG_RECORD, 4), (10 * LONG_RECORD, 5)    # samples from which on so many times
                                                    # fewer must do
 
@@ -226,15 +226,15 @@ class _Refit(NamedTuple):
         are learnt on the way, and moves grow where they help.
         """
         acc, free = self.setting.acc, self.free
-        truth = acc.theta.copy()
+        truth, starts = acc.theta.copy(), [acc.theta[free]]
         level = acc.member.jumps(acc.theta[None]).half[0] > 0.0
         if not free or not (acc.readings or level):
             return truth
         if near is not None:
             like = near.ruler.fit.setting.acc
             apart = dict(zip(like.member.keys, near.theta - like.theta))
-            truth = np.maximum(0.5 * truth, truth + [
-                apart.get(key, 0.0) for key in acc.member.keys])
+            starts.append(np.maximum(0.5 * truth, truth + [
+                apart.get(key, 0.0) for key in acc.member.keys])[free])
         step, fit = self.step[free], acc.theta[free]
         width = np.array([p.high - p.low for p in acc.member.parameters])[free]
         prior = np.diag(12.0 * (step / width)**2)
@@ -251,30 +251,22 @@ class _Refit(NamedTuple):
             s[1:] = _without_tails(s[1:])
             return s[1:].mean(0) - s[0] + prior @ ((at - fit) / step), (
                 prior + np.cov(s[1:].T).reshape(len(free), -1))
-        truth[free] = _root(missed, truth[free], step, MOVES if acc.readings else 4)
+        truth[free] = _root(missed, starts, step, MOVES if acc.readings else 4)
         return truth
 
 
-def _root(missed, at, step, moves):
+def _root(missed, starts, step, moves):
     """Where `missed` (d,), of which it gives slopes (d, d) by steps as well, is about
     zero: C. G. Broyden's method (Math. Comp. 19, 1965), from the best point so far.
     """
-    best, least, bound, taken, at_best = at, np.inf, BOUND, 0.0, None
+    def length(off, metric):
+        square = off @ np.linalg.solve(metric, off)
+        return np.sqrt(square) if np.isfinite(square) else np.inf    # no such simulator
+    best, at_best, metric = min(((at, *missed(at)) for at in starts),
+                                key=lambda one: length(*one[1:]))
+    slope, least, bound = metric, length(at_best, metric), BOUND
     for _ in range(moves):
-        off, slopes = missed(at)
-        if at_best is None:
-            slope = metric = slopes
-        else:
-            moved = (at - best) / step
-            slope = slope + np.outer(off - at_best - slope @ moved, moved) / (
-                moved @ moved)
-        length = np.sqrt(off @ np.linalg.solve(metric, off))
-        if not np.isfinite(length):    # no such simulator
-            break
-        bound = 2.0 * bound if length < least else 0.5 * min(bound, taken)
-        if length < least:
-            best, at_best, least = at, off, length
-        if least < THERE or bound < THERE:
+        if not THERE <= least < np.inf or bound < THERE:
             break
         move = -np.linalg.pinv(slope) @ at_best
         taken = np.sqrt(move @ metric @ move)
@@ -282,6 +274,16 @@ def _root(missed, at, step, moves):
             break
         move *= min(1.0, bound / taken)
         at = np.maximum(best + move * step, 0.5 * best)
+        off, _ = missed(at)
+        moved = (at - best) / step
+        slope = slope + np.outer(off - at_best - slope @ moved, moved) / (moved @ moved)
+        if length(off, metric) == np.inf:
+            break
+        if length(off, metric) < least:
+            best, at_best, least = at, off, length(off, metric)
+            bound *= 2.0
+        else:
+            bound = 0.5 * min(bound, taken)
     return best
 
 
@@ -323,6 +325,8 @@ class _Ruler(NamedTuple):
         statistics T (B, S) and gains s (B, d).
         """
         usable = np.isfinite(T).all(0) & np.isfinite(stats.value[0])
+        if any(r.moved for r in self.fit.setting.acc.readings):
+            usable &= ~stats.ties    # what was added to rounded values leaves none
         T = np.where(usable, T, 0.0)    # no two clusters may be without a gap
         middle, d = s.mean(0), s.shape[1]
         # singular gains are left out

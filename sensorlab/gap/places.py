@@ -68,6 +68,11 @@ class Statistics(NamedTuple):
 
     __repr__ = brief
 
+    @property
+    def ties(self):
+        """Which of them counts repeated values, (S,)."""
+        return (np.array(self.place) == "amplitude") & (self.at == 0.0).all(1)
+
 
 class _One(NamedTuple):
     """One statistic of R records."""

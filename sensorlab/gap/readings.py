@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, xlogy
 
 from sensorid import brief
-from sensorlab.gap.catalogue import CATALOGUE, lattice
+from sensorlab.gap.catalogue import CATALOGUE, CONCENTRATED, lattice
 from sensorlab.gap.effects import Found
 
 
@@ -19,6 +19,7 @@ class Reading(NamedTuple):
     log_bayes: float     # a continuous simulator never repeats a value
     masked: np.ndarray   # (N,) samples that say nothing of the rest
     opaque: bool         # it hides what else there may be
+    moved: bool = False  # something was added to the record after it was rounded
 
     __repr__ = brief
 
@@ -73,6 +74,17 @@ def lattice_and_noise(y):
     """`lattice` of a record, and the standard deviation of its noise without it."""
     seen, lsb = y[~np.isnan(y)], lattice(y)
     return lsb, np.sqrt(max(np.mean(np.diff(seen)**2) / 2.0 - lsb**2 / 12.0, 0.0))
+
+
+NEAR = 16     # samples in which what was added to rounded values hardly changes
+
+
+def is_moved(y, lsb):
+    """Do neighbours in a record lie on a common lattice, if not all samples do?"""
+    seen = y[~np.isnan(y)]
+    near = seen[:len(seen) // NEAR * NEAR].reshape(-1, NEAR)
+    phase = np.exp(2j * np.pi * near / lsb).mean(1)
+    return bool(np.abs(phase).mean() > CONCENTRATED)
 
 
 def _clipped(y, lsb, noise):

@@ -71,6 +71,23 @@ def search(full, start, readings, effects, before, measured, shared):
     return Search(acc, path, {**leaves, path.effect: path}, after, left)
 
 
+def narrowed(full, done, names, measured):
+    """A search with only those effects of its path that have certain names."""
+    acc, path = done.account, done.path
+    for number, one in reversed(list(enumerate(path.found))):
+        if one.name not in names:
+            acc, path = _less(full, acc, path, number)
+    return Search(acc, path, {path.effect: path}, measured(acc), done.left)
+
+
+def _less(full, acc, path, number):
+    """An account and a path without effect `number` of those found."""
+    less = without(full, acc, path.found, number)
+    return less, path._replace(
+        found=path.found[:number] + path.found[number + 1:],
+        log_bayes=path.log_bayes + less.log_evidence - acc.log_evidence)
+
+
 def _without_needless(full, acc, path, leaves, prior):
     """The account and the path without what was found before and is not needed beside
     what is found now: what one effect seemed to be two others may explain.
@@ -78,19 +95,14 @@ def _without_needless(full, acc, path, leaves, prior):
     for number, one in reversed(list(enumerate(path.found[:-1]))):
         if one.effect.reading:
             continue
-        less = without(full, acc, path.found, number)
+        less, rest = _less(full, acc, path, number)
         log_odds = (acc.log_evidence - less.log_evidence + prior
                     - search_cost(one.effect, full))
         if log_odds < 0.0:
             kept = 1.0 / (1.0 + np.exp(-log_odds))
-            whole, total = path, path.probability
-            path = Cause(path.found[:number] + path.found[number + 1:],
-                         (1.0 - kept) * total,
-                         path.log_bayes + less.log_evidence - acc.log_evidence,
-                         (1.0 - kept) * path.error)
-            leaves = {**leaves, whole.effect: scaled(whole, kept, 0.0)}
+            leaves = {**leaves, path.effect: scaled(path, kept, 0.0)}
+            acc, path = less, scaled(rest, 1.0 - kept, 0.0)
             leaves.pop(path.effect, None)
-            acc = less
     return acc, path, leaves
 
 

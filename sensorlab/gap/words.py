@@ -152,7 +152,7 @@ def places_table(d):
 def at(s, i):
     """Where statistic number i looks, as text."""
     (low, high), unit = s.at[i], s.column[i] or UNITS[s.place[i]]
-    if s.place[i] == "amplitude" and low == high == 0.0:
+    if s.ties[i]:
         return "equal neighbours"
     if s.place[i] == "amplitude" and max(-low, high) >= FAR_OUT:
         if high - low >= 2.0 * FAR_OUT:
@@ -232,7 +232,7 @@ def _interval(part):
     return f"{percent(part.closed)} [{100 * low:.0f}, {100 * high:.0f}]"
 
 
-def advice(d):
+def advice(d, unit):
     """What the effects are confused with, and which experiment tells."""
     rivals = [effect for c in d.causes[:2] for effect in c.effects]
     named = rivals if d.verdict == "undecided" else names_in(d.verdict)
@@ -246,6 +246,10 @@ def advice(d):
         elif one.variant:
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "
                    f"probability {one.share:.2f} among its forms; its size is of that")
+    for r in (r for r in d.base.readings if r.moved):
+        yield (f"neighbours lie on the simulator's lattice of "
+               f"{number(r.found.values['lsb'], 3)} {unit}, the record as a whole does "
+               "not: something was added to it after it was rounded")
     for column in {s.found.column for s in d.final.signatures if s.found.column}:
         low, high = clusters(d.scene.columns[column])
         if high:
@@ -289,7 +293,7 @@ def told(d, record, unit):
     if d.drift and (d.found or d.verdict == "unknown"):
         yield "rms of the integrated error:"
         yield drift_table(d, unit)
-    yield from advice(d)
+    yield from advice(d, unit)
 
 
 def table(d, record, unit, width=None):

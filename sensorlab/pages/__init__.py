@@ -80,7 +80,7 @@ def page(d, record, unit=None, origin=Provenance(), view=None):
         facts=_facts(d), found=_found(d, unit), named=words.is_named(d),
         figures=_figures(d, seen, unit), caption=_caption(d, seen, unit),
         causes=_causes(d, unit),
-        sentences=[*words.closing(d), *words.left(d)], steps=_steps(d),
+        sentences=[*words.closing(d), *words.left(d)], steps=_steps(d, unit),
         duration=d.scene.duration, missing=int(np.isnan(d.scene.y).sum()),
         **made(origin.command))
 
@@ -168,9 +168,9 @@ def _causes(d, unit):
             for c in words.shown_causes(d)]
 
 
-def _steps(d):
+def _steps(d, unit):
     """What to do next, in sentences."""
-    steps = list(words.advice(d))
+    steps = list(words.advice(d, unit))
     if d.verdict == "none":
         steps.append("use the simulator as it is; a longer record shows smaller "
                      "effects")
