@@ -1,5 +1,6 @@
 """Real recordings: what a diagnosis says of a recording beside itself, beside another
-run of the same sensor, and of effects that are put into it.
+run of the same sensor, and of effects that are put into it; and whether the sum of
+components that `identify --compose` finds describes it.
 
 The recordings are not part of the project. They are looked for in shared/data/real
 beside it (see the README there); without them there is no figure. Stretches are of
@@ -13,6 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import figures
+import sensorid
 import sensorlab
 from figures import save, withheld
 from sensorlab.drawings.style import AFTER, BEFORE, legend_above
@@ -21,6 +23,7 @@ REAL = pathlib.Path(__file__).parents[2] / "shared" / "data" / "real"
 SEED, N, DT = 16405, 4000, 0.01
 AXES = [(kind, axis) for kind in ("gyro", "accel") for axis in range(3)]
 NATS = 15.0, 30.0, 100.0
+DESCRIBED = 0.01              # p-value from which on a sum leaves no remainder
 SIMULATORS, RECORDS = 200000, (240000, 600000)    # first samples of the stretches
 
 
@@ -98,6 +101,9 @@ def cases():
     for k, name in enumerate(SHAPES):
         for j, size in enumerate(NATS):
             yield "injected", name, (k + j) % len(AXES), 2, RECORDS[j % 2], size
+    for number in range(len(AXES)):
+        for run in (1, 2, 3):
+            yield "composed", "", number, run, RECORDS[0], 0.0
 
 
 def record(what, name, number, run, first, size, rng):
@@ -120,12 +126,15 @@ def compute():
     for done, case in enumerate(listed, 1):
         key = " ".join(map(str, case))
         if key not in kept:
-            own = stretch(1, *AXES[case[2]], SIMULATORS)
-            if case[2] not in simulators:
-                simulators[case[2]] = sensorlab.simulator_from(own[None], DT)
             y, columns = record(*case, np.random.default_rng([SEED, done]))
-            d = sensorlab.diagnose(y, DT, simulators[case[2]], columns,
-                                   simulated=own[None])
+            if case[0] == "composed":
+                d = sensorlab.diagnose(y, DT, sensorid.default_hypotheses(y, DT))
+            else:
+                own = stretch(1, *AXES[case[2]], SIMULATORS)
+                if case[2] not in simulators:
+                    simulators[case[2]] = sensorlab.simulator_from(own[None], DT)
+                d = sensorlab.diagnose(y, DT, simulators[case[2]], columns,
+                                       simulated=own[None])
             keep(key, dict(verdict=d.verdict, closed=d.closure.closed,
                            rest=d.remainder.share, p_value=d.after.p_value))
         result[case] = kept[key]
@@ -142,12 +151,14 @@ def right(case, one):
         return said == ["none"]
     if what == "decoy":
         return not {"temperature", "thermal_lag"} & set(" ".join(said).split())
+    if what == "composed":
+        return "unknown" not in said and one["p_value"] >= DESCRIBED
     return name in said
 
 
 def table(result):
     lines = []
-    for what, size in (("itself", 0.0), ("decoy", 0.0), *(
+    for what, size in (("itself", 0.0), ("decoy", 0.0), ("composed", 0.0), *(
             ("injected", size) for size in NATS)):
         own = [(c, one) for c, one in result.items() if c[0] == what and c[-1] == size]
         if own:
