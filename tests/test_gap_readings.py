@@ -32,6 +32,17 @@ def test_readings_are_seen_and_what_is_none_is_not():
         "stuck", "quantization"]
 
 
+@pytest.mark.parametrize("shape", [lambda t: 0.37 * (t > 0.6), lambda t: 1.7 * t])
+def test_values_meet_by_chance_on_a_lattice_that_was_moved(shape):
+    rng = np.random.default_rng(9)
+    y = 0.3 * np.round(0.5 * rng.standard_normal(3000) / 0.3)
+    y += shape(np.linspace(0.0, 1.0, 3000))
+    assert readings.readings(Scene(y, DT, {})) == ()
+    y[700:730] = y[700]
+    (one,) = readings.readings(Scene(y, DT, {}))
+    assert one.found.values["spans"] == [[700.0, 30]]
+
+
 def polled(y, rate, phase):
     """What a logger reads of a sensor that gives `rate` samples to each of its own."""
     last, result, k = None, [], -1

@@ -273,9 +273,22 @@ def lattice(y):
 
     The coarsest at which |mean of exp(2 pi i value / spacing)| over the values, each
     once, is nearly 1: printed digits may have moved them a little. Where most samples
-    lie on values that others have, too, the rest does not count.
+    lie on values that others have, too, the rest does not count. Where neighbours lie
+    on a far coarser one, the record was moved since.
     """
-    return _lattice_of(np.asarray(y, float).tobytes())
+    lsb = _lattice_of(np.asarray(y, float).tobytes())
+    return lsb if lsb and lattice_between(y) < MOVED * lsb else 0.0
+
+
+def lattice_between(y):
+    """Spacing of the differences between neighbours, or 0: that of a lattice to which
+    something slow, or a step, was added.
+    """
+    seen = np.asarray(y, float)
+    return _lattice_of(np.diff(seen[~np.isnan(seen)]).tobytes())
+
+
+MOVED = 1.5    # times as coarse
 
 
 @functools.lru_cache(maxsize=4)    # the same few are asked for again and again
@@ -284,6 +297,8 @@ def _lattice_of(y):
     values, count = np.unique(y[~np.isnan(y)], return_counts=True)
     if count[count > 1].sum() > MOSTLY * count.sum():    # some were added to, later
         values = values[count > 1]
+    if len(values) == 0:
+        return 0.0
     values = values - values[len(values) // 2]
     step = np.diff(values)
     step = np.sort(step[step > 1e-9 * np.ptp(values)])

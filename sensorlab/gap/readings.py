@@ -8,7 +8,8 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, xlogy
 
 from sensorid import brief
-from sensorlab.gap.catalogue import CATALOGUE, CONCENTRATED, lattice
+from sensorlab.gap.catalogue import (
+    CATALOGUE, CONCENTRATED, lattice, lattice_between)
 from sensorlab.gap.effects import Found
 
 
@@ -50,8 +51,10 @@ def readings(scene):
                             COINCIDENCE * float(repeated.sum()), repeated, False))
         y = np.where(repeated, np.nan, y)
     lsb, noise = lattice_and_noise(y)
-    limits, clipped = _clipped(y, lsb, noise)
-    spans, stuck = _stuck(y, lsb, noise, clipped)
+    # by chance values meet on a lattice that was moved afterwards, too
+    between = lsb or lattice_between(y)
+    limits, clipped = _clipped(y, between, noise)
+    spans, stuck = _stuck(y, between, noise, clipped)
     if clipped.any():
         seen.append(Reading(_found("saturation", limits=limits),
                             COINCIDENCE * float(clipped.sum()), clipped,
