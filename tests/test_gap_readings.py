@@ -37,10 +37,11 @@ def test_values_meet_by_chance_on_a_lattice_that_was_moved(shape):
     rng = np.random.default_rng(9)
     y = 0.3 * np.round(0.5 * rng.standard_normal(3000) / 0.3)
     y += shape(np.linspace(0.0, 1.0, 3000))
-    assert readings.readings(Scene(y, DT, {})) == ()
-    y[700:730] = y[700]
     (one,) = readings.readings(Scene(y, DT, {}))
-    assert one.found.values["spans"] == [[700.0, 30]]
+    assert one.moved and one.found.values["lsb"] == pytest.approx(0.3)
+    y[700:730] = y[700]
+    stuck, _ = readings.readings(Scene(y, DT, {}))
+    assert stuck.found.values["spans"] == [[700.0, 30]]
 
 
 def polled(y, rate, phase):

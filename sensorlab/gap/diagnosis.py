@@ -18,8 +18,7 @@ from sensorlab.gap.effects import (
     BLOCK, Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
-from sensorlab.gap.readings import (
-    Reading, as_read, is_moved, latent_mean, readings)
+from sensorlab.gap.readings import Reading, as_read, latent_mean, readings
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared
@@ -337,8 +336,7 @@ def _readings(raw, simulator):
     seen = {r.found.name: r for r in readings(raw)}
     shared = {name: r._replace(log_bayes=0.0) for name, r in seen.items()
               if name in own and _alike(own[name].values, r.found.values)}
-    absent = [Reading(one, 0.0, np.zeros(len(raw.y), bool), False,
-                      name == "quantization" and is_moved(raw.y, one.values["lsb"]))
+    absent = [Reading(one, 0.0, np.zeros(len(raw.y), bool), False)
               for name, one in own.items() if name not in seen and name != "stuck"]
     return (*shared.values(), *absent), tuple(
         r for name, r in seen.items() if name not in shared)

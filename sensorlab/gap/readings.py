@@ -8,8 +8,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, xlogy
 
 from sensorid import brief
-from sensorlab.gap.catalogue import (
-    CATALOGUE, CONCENTRATED, lattice, lattice_between)
+from sensorlab.gap.catalogue import CATALOGUE, lattice, lattice_between
 from sensorlab.gap.effects import Found
 
 
@@ -51,10 +50,11 @@ def readings(scene):
                             COINCIDENCE * float(repeated.sum()), repeated, False))
         y = np.where(repeated, np.nan, y)
     lsb, noise = lattice_and_noise(y)
-    # by chance values meet on a lattice that was moved afterwards, too
-    between = lsb or lattice_between(y)
-    limits, clipped = _clipped(y, between, noise)
-    spans, stuck = _stuck(y, between, noise, clipped)
+    moved = lattice_between(y) if not lsb else 0.0
+    if moved:
+        lsb, noise = moved, _less_rounding(noise, moved)
+    limits, clipped = _clipped(y, lsb, noise)
+    spans, stuck = _stuck(y, lsb, noise, clipped)
     if clipped.any():
         seen.append(Reading(_found("saturation", limits=limits),
                             COINCIDENCE * float(clipped.sum()), clipped,
@@ -65,7 +65,7 @@ def readings(scene):
                             COINCIDENCE * float(stuck.sum()), stuck, False))
     if lsb > COARSE * noise:
         seen.append(Reading(_found("quantization", lsb=lsb), COINCIDENCE * N,
-                            np.zeros(N, bool), bool(lsb > HIDING * noise)))
+                            np.zeros(N, bool), bool(lsb > HIDING * noise), bool(moved)))
     return tuple(seen)
 
 
@@ -76,18 +76,12 @@ def _found(name, **values):
 def lattice_and_noise(y):
     """`lattice` of a record, and the standard deviation of its noise without it."""
     seen, lsb = y[~np.isnan(y)], lattice(y)
-    return lsb, np.sqrt(max(np.mean(np.diff(seen)**2) / 2.0 - lsb**2 / 12.0, 0.0))
+    return lsb, _less_rounding(np.sqrt(np.mean(np.diff(seen)**2) / 2.0), lsb)
 
 
-NEAR = 16     # samples in which what was added to rounded values hardly changes
-
-
-def is_moved(y, lsb):
-    """Do neighbours in a record lie on a common lattice, if not all samples do?"""
-    seen = y[~np.isnan(y)]
-    near = seen[:len(seen) // NEAR * NEAR].reshape(-1, NEAR)
-    phase = np.exp(2j * np.pi * near / lsb).mean(1)
-    return bool(np.abs(phase).mean() > CONCENTRATED)
+def _less_rounding(noise, lsb):
+    """Standard deviation of a noise without what rounding adds."""
+    return np.sqrt(max(noise**2 - lsb**2 / 12.0, 0.0))
 
 
 def _clipped(y, lsb, noise):
