@@ -11,13 +11,14 @@ from sensorlab.gap.distance import distance
 from sensorlab.gap.twins import less_shared
 
 
-def sensor(rng, n=2000, sigma=0.5):
-    """Rounded, with a line, a slow process and white noise."""
+def sensor(rng, n=2000, sigma=0.5, lines=(0.9,)):
+    """Rounded, with lines, a slow process and white noise."""
     t, x = np.arange(n), np.zeros(n)
     w = 0.05 * rng.standard_normal(n)
     for i in range(1, n):
         x[i] = 0.98 * x[i - 1] + w[i]
-    y = x + sigma * rng.standard_normal(n) + 0.3 * np.sin(0.9 * t + rng.uniform(0, 6))
+    y = x + sigma * rng.standard_normal(n) + sum(
+        0.3 * np.sin(line * t + rng.uniform(0, 6)) for line in lines)
     return 0.25 * np.round(y / 0.25)
 
 
@@ -50,6 +51,15 @@ def test_a_parameter_that_moved_leaves_no_gap_behind(known):
     other = sensor(np.random.default_rng(8), sigma=0.9)
     d = sensorlab.diagnose(other, DT, simulator, simulated=y[None])
     assert d.verdict == "wrong_parameter" and d.remainder.where == -1
+
+
+def test_a_line_that_moved_is_no_other_line(known):
+    y, simulator = known
+    assert "sinusoid" in [one.name for one in simulator.effects[0]]
+    for lines, verdict in (((0.86,), "none"), ((0.9, 0.86), "sinusoid")):
+        other = sensor(np.random.default_rng(8), lines=lines)
+        d = sensorlab.diagnose(other, DT, simulator, simulated=y[None])
+        assert d.verdict == verdict
 
 
 def test_what_was_added_after_the_rounding_is_all_there_is(known):

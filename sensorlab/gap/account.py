@@ -237,7 +237,7 @@ def as_simulated(acc, scene, theta, widths=None):
     inside = [one._replace(values=fixed(**acc.member.of(one, scaled)))
               for one in acc.member.effects
               if not (one.effect.reading or one.effect.factor)]
-    return Simulator((h,), ((*inside, *_with_sizes(acc, scene, theta),
+    return Simulator((h,), ((*inside, *with_sizes(acc, scene, theta),
                              *(r.found for r in acc.readings)),))
 
 
@@ -248,7 +248,7 @@ def _around(p, value, width):
     return Parameter(p.symbol, low, high)
 
 
-def _with_sizes(acc, scene, theta):
+def with_sizes(acc, scene, theta):
     """The signatures of an account, as `Found`, with their least-squares sizes."""
     if not acc.signatures:
         return []

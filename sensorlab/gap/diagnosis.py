@@ -135,7 +135,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
 
     def sought(effects):
         return described(search(full, start, found, effects, before, measured,
-                                own.show if own else lambda one: False))
+                                own.show if own else lambda *_: False))
     by = sought(effects)
     causes = all_causes(by.search, start, before, by.rest, [
         one for one, part in zip(by.found, by.parts) if part.stays])

@@ -54,7 +54,7 @@ def search(full, start, readings, effects, before, measured, shared):
         if look.account is None:
             return Search(acc, path, leaves, after, left)
         (one,) = found[0].found
-        if shared(one):
+        if shared(one, look.account, scene):
             acc, leaves = look.account, before_it
             if one.effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],

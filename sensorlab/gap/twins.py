@@ -5,7 +5,7 @@ What both show is no gap, even where the simulator's description leaves it out.
 
 import numpy as np
 
-from sensorlab.gap.account import account
+from sensorlab.gap.account import account, with_sizes
 from sensorlab.gap.causes import further_causes
 from sensorlab.gap.distance import distance, enough_trials, p_values
 from sensorlab.gap.readings import as_read
@@ -35,10 +35,18 @@ class Twins:
             TRIALS_TWIN, enough_trials(scene)), self.seed).distance
             for scene, acc in zip(self.scenes, self.accounts)])
 
-    def show(self, one):
-        """Do they show an effect that a record shows, with the same parameters?"""
+    def show(self, one, acc, scene):
+        """Do they show an effect that a record shows, its last in an account, with
+        about the same parameters?
+        """
         own = self.accounts[0]
-        look = further_causes(as_read(self.scenes[0], own.readings), own, [one.effect])
+        seen = as_read(self.scenes[0], own.readings)
+        theirs = _largest(one, with_sizes(own, seen, own.theta))
+        if one.effect.columns and _largest(one, with_sizes(acc, scene, acc.theta)[:-1]
+                                           ) < LOST * theirs and abs(
+                one.values[one.effect.size][0]) < LARGER * theirs:
+            return True    # it moved: what they have the record has not
+        look = further_causes(seen, own, [one.effect])
         best = next((c.found[0] for c in look.causes if c.found), None)
         size = one.effect.size
         if look.account is None or best.column != one.column or not all(
@@ -48,6 +56,15 @@ class Twins:
             return False
         self._describe(look.account)    # as the record is
         return True
+
+
+def _largest(one, signatures):
+    """Largest size of signatures, as `Found`, that are like an effect."""
+    return max((abs(f.values[f.effect.size].low) for f in signatures
+                if (f.name, f.column) == (one.name, one.column) and all(
+                    _alike(symbol, one.values[symbol], (p.low, 0.0))
+                    for symbol, p in f.values.items()
+                    if symbol not in (f.effect.size, "phase"))), default=0.0)
 
 
 def _parts(records, N):
@@ -63,6 +80,7 @@ def _parts(records, N):
 
 
 ALIKE = 3.0     # standard errors by which two estimates of one parameter may differ
+LOST = 0.5      # of a size: less of it is left where its frequency has moved
 LARGER = 2.0    # times as large a size is no longer what they show
 MOVED = 0.2     # of a parameter, from one record of a sensor to the next: vibration is
                 # no pure line
