@@ -236,10 +236,16 @@ def test_a_walk_that_the_simulator_lacks_is_named():
     assert abs(mean - 0.1) < 3.0 * sd
 
 
-def test_what_two_steps_explain_is_no_telegraph():
+def test_two_steps_and_a_pulse_are_no_telegraph():
     rng = np.random.default_rng(0)
     y = np.cumsum(0.05 * rng.standard_normal(1000)) + 0.5 * rng.standard_normal(1000)
     y[670:790] += 3.0
+    d = sensorlab.diagnose(y, DT, MODEL)
+    values = d.causes[0].parameters
+    assert d.verdict == "pulse"
+    assert_allclose([values["onset"][0], values["duration"][0]], [670.0, 120.0],
+                    atol=3.0)
+    y[790:] += 4.5    # it rises further
     d = sensorlab.diagnose(y, DT, MODEL)
     assert d.verdict == "bias_step+bias_step"
     onsets = sorted(one.values["onset"][0] for one in d.found)

@@ -295,9 +295,9 @@ def _spacing_between(differences):
     d = np.frombuffer(differences)
     d = d[d != 0.0]    # what is repeated lies on any lattice
     d = d[::-(-len(d) // MOST_NEIGHBOURS) or 1]
-    scale = np.sqrt(np.mean(d**2)) if len(d) else 0.0
-    if not scale > 0.0:
+    if not len(d):
         return 0.0
+    scale = np.median(np.abs(d)) / 0.6745
     # even in 1 / spacing: so is the phase of a difference
     for per in np.arange(1.0 / WIDEST, 1.0 / NARROWEST, 1.0 / 16.0) / scale:
         if np.mean(np.cos(2.0 * np.pi * per * d)) > CONCENTRATED:
@@ -306,7 +306,7 @@ def _spacing_between(differences):
 
 
 MOST_NEIGHBOURS = 4000    # that are looked at
-WIDEST = 4.0       # of their rms difference: to a wider spacing, all are near zero
+WIDEST = 4.0       # of their spread: to a wider spacing, all are near zero
 NARROWEST = 0.1    # a finer one is how a file was printed
 MOVED = 1.5    # times as coarse
 
