@@ -178,16 +178,14 @@ def draw(result):
     for at, name in enumerate(SHAPES):
         for c in own:
             if c[1] == name:
-                ax.plot(withheld.ratio(c[-1]), at, "o" if right(c, result[c]) else "x",
+                ax.plot(NATS.index(c[-1]), at, "o" if right(c, result[c]) else "x",
                         color=AFTER if right(c, result[c]) else BEFORE, markersize=9)
     ax.set_yticks(range(len(SHAPES)), list(SHAPES))
     ax.plot([], [], "o", color=AFTER, markersize=9, label="in the verdict")
     ax.plot([], [], "x", color=BEFORE, markersize=9, label="not")
-    ax.set_xticks([withheld.ratio(size) for size in NATS],
-                  [f"{withheld.ratio(size):.2g}" for size in NATS])
-    ax.set(xscale="log", xlabel="signal-to-noise ratio of the effect at a matched "
-           "filter, in a real stretch")
-    ax.minorticks_off()
+    ax.set_xticks(range(len(NATS)), [f"{withheld.ratio(size):.2g}" for size in NATS])
+    ax.set(xlim=(-0.3, len(NATS) - 0.7), xlabel="signal-to-noise ratio of the effect "
+           "at a matched filter, in a real stretch")
     legend_above(ax)
     return fig
 
