@@ -17,22 +17,23 @@ EVEN = 2.0     # standard errors by which a process must gain on average over SP
 MOST = 0.5     # share of the gap that jumps, or a change of noise, must close
 
 
-def stays_needed(effect, without_it, with_it):
+def stays_needed(effect, without_it, with_it, again=False):
     """Is an effect needed where what is left is coloured and uneven in any way? By two
     gaps, to the account without and with it.
 
     A process is no more than a colour: for it, only the spread may be uneven, but its
     gain must be even. A change of noise is no more than an uneven spread: for it, there
     may only be a colour, but it must close most of the gap in time. What comes from no
-    column is needed beside any curve of those that there are. Jumps are one law among
-    many: they must close most of the gap where it is widest.
+    column is needed beside any curve of those that there are, and so is what comes
+    `again` from a column. Jumps are one law among many: they must close most of the gap
+    where it is widest.
     """
     if effect.reading:
         return True
     change = effect.model and effect.search == "onset"
     process = effect.factor or effect.model and not change
     wide = (0 if process else LAGS, 1 if change else SPANS,
-            not effect.column)
+            again or not effect.column)
     gain = _scores(with_it, *wide) - _scores(without_it, *wide)
     if process:
         parts = np.array([part.sum() for part in np.array_split(gain, SPANS)])
