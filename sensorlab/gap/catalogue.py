@@ -287,14 +287,14 @@ def lattice_between(y):
     The coarsest at which the mean of cos(2 pi difference / spacing) is nearly 1.
     """
     seen = np.asarray(y, float)
-    return _spacing_between(np.diff(seen[~np.isnan(seen)]).tobytes())
+    d = np.diff(seen[~np.isnan(seen)])
+    d = d[d != 0.0]    # what is repeated lies on any lattice
+    return _spacing_between(d[::-(-len(d) // MOST_NEIGHBOURS) or 1].tobytes())
 
 
 @functools.lru_cache(maxsize=4)
 def _spacing_between(differences):
     d = np.frombuffer(differences)
-    d = d[d != 0.0]    # what is repeated lies on any lattice
-    d = d[::-(-len(d) // MOST_NEIGHBOURS) or 1]
     if not len(d):
         return 0.0
     scale = np.median(np.abs(d)) / 0.6745
@@ -317,8 +317,6 @@ def _lattice_of(y):
     values, count = np.unique(y[~np.isnan(y)], return_counts=True)
     if count[count > 1].sum() > MOSTLY * count.sum():    # some were added to, later
         values = values[count > 1]
-    if len(values) == 0:
-        return 0.0
     values = values - values[len(values) // 2]
     step = np.diff(values)
     step = np.sort(step[step > 1e-9 * np.ptp(values)])

@@ -277,10 +277,11 @@ def _root(missed, starts, step, moves):
         off, _ = missed(at)
         moved = (at - best) / step
         slope = slope + np.outer(off - at_best - slope @ moved, moved) / (moved @ moved)
-        if length(off, metric) == np.inf:
+        missing = length(off, metric)
+        if missing == np.inf:
             break
-        if length(off, metric) < least:
-            best, at_best, least = at, off, length(off, metric)
+        if missing < least:
+            best, at_best, least = at, off, missing
             bound *= 2.0
         else:
             bound = 0.5 * min(bound, taken)

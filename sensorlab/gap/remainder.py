@@ -54,8 +54,8 @@ def parts(full, path, acc, closed, before, after, measured):
         gap = measured(less, after, TRIALS_WITHOUT, None)
         share = (gap.rms(out) - after.rms(out)) / (before.rms(out) - 1.0) if (
             out.any()) else (acc.log_evidence - less.log_evidence) / path.log_bayes
-        again = bool(one.column) and one.column in [
-            other.column for other in path.found[:number]]
+        again = any(one.column and other.column == one.column
+                    for other in path.found[:number])
         result.append(Part(float(np.clip(share, 0.0, 1.0)),
                            stays_needed(one.effect, gap, after, again)))
     return tuple(result)

@@ -190,17 +190,16 @@ def _between_edges(scene, solved):
     """(first sample, samples) of pulses between the likeliest onsets of steps of
     opposite sign.
     """
-    N, M = len(scene.y), len(solved.base)
-    size, J = np.empty((2, 1, N - 1))
-    gain, mean = np.zeros((2, N - 1))
-    for k in range(M):
-        _step_sizes(0, 1, *(part[k:k + 1] for part in solved[1:5]), size, J)
-        gain += size[0]**2 * J[0] / M
-        mean += size[0] / M
-    peaks, how = find_peaks(gain, prominence=1.0)
+    N, step_at = len(scene.y), _onset_scores(scene, None, solved)
+    gain, size = np.zeros((2, N - 1))    # sums over nodes
+    for k in range(len(solved.base)):
+        steps = step_at(k)
+        gain += steps.gain[0]
+        size += steps.size[0]
+    peaks, how = find_peaks(gain, prominence=len(solved.base))
     peaks = np.sort(peaks[np.argsort(-how["prominences"])[:EDGES]])
     return [(i + 1, j - i) for i, j in itertools.combinations(peaks.tolist(), 2)
-            if mean[i] * mean[j] < 0.0 and MIN_PULSE <= j - i <= N // 2]
+            if size[i] * size[j] < 0.0 and MIN_PULSE <= j - i <= N // 2]
 
 
 def _share(residual, onset, n, J):

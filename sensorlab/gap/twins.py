@@ -41,18 +41,17 @@ class Twins:
         """
         own = self.accounts[0]
         seen = as_read(self.scenes[0], own.readings)
+        size = one.effect.size
         theirs = _largest(one, with_sizes(own, seen, own.theta))
         if one.effect.columns and _largest(one, with_sizes(acc, scene, acc.theta)[:-1]
                                            ) < LOST * theirs and abs(
-                one.values[one.effect.size][0]) < LARGER * theirs:
+                one.values[size][0]) < LARGER * theirs:
             return True    # it moved: what they have the record has not
         look = further_causes(seen, own, [one.effect])
         best = next((c.found[0] for c in look.causes if c.found), None)
-        size = one.effect.size
-        if look.account is None or best.column != one.column or not all(
-                abs(one.values[symbol][0]) < LARGER * abs(value[0]) if symbol == size
-                else _alike(symbol, one.values[symbol], value)
-                for symbol, value in best.values.items() if symbol != "phase"):
+        if look.account is None or best.column != one.column or not _is_like(
+                one, best.values) or size in best.values and not abs(
+                one.values[size][0]) < LARGER * abs(best.values[size][0]):
             return False
         self._describe(look.account)    # as the record is
         return True
@@ -61,10 +60,17 @@ class Twins:
 def _largest(one, signatures):
     """Largest size of signatures, as `Found`, that are like an effect."""
     return max((abs(f.values[f.effect.size].low) for f in signatures
-                if (f.name, f.column) == (one.name, one.column) and all(
-                    _alike(symbol, one.values[symbol], (p.low, 0.0))
-                    for symbol, p in f.values.items()
-                    if symbol not in (f.effect.size, "phase"))), default=0.0)
+                if (f.name, f.column) == (one.name, one.column) and _is_like(
+                    one, {symbol: (p.low, 0.0) for symbol, p in f.values.items()})),
+               default=0.0)
+
+
+def _is_like(one, values):
+    """Are parameters, (mean, sd) by symbol, those of an effect but for size and phase?
+    """
+    return all(_alike(symbol, one.values[symbol], value)
+               for symbol, value in values.items()
+               if symbol not in (one.effect.size, "phase"))
 
 
 def _parts(records, N):

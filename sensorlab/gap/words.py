@@ -246,10 +246,11 @@ def advice(d, unit):
         elif one.variant:
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "
                    f"probability {one.share:.2f} among its forms; its size is of that")
-    for r in (r for r in d.final.readings if r.moved):
-        yield (f"neighbours are multiples of {number(r.found.values['lsb'], 3)} {unit} "
-               "apart, the record as a whole is not: something was added to it after "
-               "it was rounded")
+    for r in d.final.readings:
+        if r.moved:
+            yield (f"neighbours are multiples of {number(r.found.values['lsb'], 3)} "
+                   f"{unit} apart, the record as a whole is not: something was added "
+                   "to it after it was rounded")
     for column in {s.found.column for s in d.final.signatures if s.found.column}:
         low, high = clusters(d.scene.columns[column])
         if high:
