@@ -85,6 +85,7 @@ def __getattr__(name):
 
 
 import contextlib
+import functools
 import hashlib
 import inspect
 import os
@@ -487,6 +488,9 @@ class Trials(NamedTuple):
                               # is none
 
 
+SHORT = 4000    # samples of a record that no thread of its own draws sooner
+
+
 def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
     """Records drawn from the prior: hypothesis, parameters, bias, x_0 and noises.
 
@@ -516,24 +520,32 @@ def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
     number = np.empty(trials, int)
     theta = np.full((trials, max(len(h.parameters) for h in hypotheses)), np.nan)
 
+    @functools.lru_cache(2)    # where nothing is free, it is the same in all trials
+    def filter_of(k, values):
+        filt = hypotheses[k].filter(dt, np.frombuffer(values))
+        return filt, *np.linalg.eigh(filt.P0)
+
     def draw(row):
         rng = np.random.default_rng(
             np.random.SeedSequence(seed, spawn_key=(first + row,)))
-        number[row] = rng.integers(len(hypotheses))
-        h = hypotheses[number[row]]
+        k = number[row] = rng.integers(len(hypotheses))
+        h = hypotheses[k]
         for column, p in enumerate(h.parameters):
             theta[row, column] = p.quantile(rng.random())
         bias = h.bias_sigma * rng.standard_normal()
-        filt = h.filter(dt, theta[row])
+        filt, variance, axes = filter_of(k, theta[row].tobytes())
         n, noises = filt.Gamma.shape[1:]
-        variance, axes = np.linalg.eigh(filt.P0)
         x0 = filt.m0 + axes @ (np.sqrt(np.maximum(variance, 0.0))
                                * rng.standard_normal(n))
         w, v = rng.standard_normal((samples, noises)), rng.standard_normal(samples)
         error[row] = bias + _response(filt.Phi, filt.Gamma, filt.H, filt.Psi, x0, w, v)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:    # NumPy draws without the lock
-        list(pool.map(draw, range(trials)))
+    if samples <= SHORT:
+        for row in range(trials):
+            draw(row)
+    else:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:    # NumPy draws without the
+            list(pool.map(draw, range(trials)))             # lock
     return Trials(error, number, theta)
 
 
@@ -2518,21 +2530,35 @@ def allan_variance(omega, dt, m):
         raise ValueError(
             f"m = {m} does not fit a record of {samples} samples: the Allan "
             f"variance needs two clusters, so 1 <= m <= {samples // 2}")
-    gap = np.isnan(omega)
-
-    def summed(x):    # up to every sample, from none on
-        return np.concatenate([np.zeros_like(x[..., :1]), x], -1).cumsum(-1)
-    mean = np.nanmean(omega, -1, keepdims=True)
-    phase = summed(np.where(gap, 0.0, omega - mean)) * dt
-    second = phase[..., 2 * m:] - 2.0 * phase[..., m:-m] + phase[..., :-2 * m]
-    pairs = second.shape[-1]
-    if gap.any():
-        missed = summed(gap.astype(int))
-        whole = missed[..., 2 * m:] == missed[..., :-2 * m]
-        second, pairs = np.where(whole, second, 0.0), whole.sum(-1)
-    with np.errstate(invalid="ignore"):
-        variance = (second**2).sum(-1) / pairs / (2.0 * (m * dt)**2)
+    rows = np.ascontiguousarray(omega).reshape(-1, samples)
+    square = np.array([_difference_of_clusters(row, m) for row in rows])
+    variance = square.reshape(omega.shape[:-1]) / 2.0
     return variance if variance.ndim else float(variance)
+
+
+@njit(nogil=True, **JIT)
+def _difference_of_clusters(omega, m):
+    """Mean square of (second mean of m - first mean of m) over all pairs of clusters
+    that miss nothing.
+    """
+    middle, seen = 0.0, 0
+    for value in omega:    # about it, sums keep their digits
+        if not np.isnan(value):
+            middle += value
+            seen += 1
+    middle /= max(seen, 1)
+    apart, missed, total, pairs = 0.0, 0, 0.0, 0
+    for i in range(len(omega)):
+        for at, weight in ((i, 1.0), (i - m, -2.0), (i - 2 * m, 1.0)):
+            if at >= 0 and not np.isnan(omega[at]):
+                apart += weight * (omega[at] - middle)
+        missed += np.isnan(omega[i])
+        if i >= 2 * m:
+            missed -= np.isnan(omega[i - 2 * m])
+        if i >= 2 * m - 1 and missed == 0:
+            total += apart * apart
+            pairs += 1
+    return total / pairs / m**2
 
 
 def allan_deviation(omega, dt, per_octave=1):

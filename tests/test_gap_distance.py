@@ -103,5 +103,5 @@ def test_a_search_without_a_root_stays_where_it_was_best():
 
 
 def test_what_no_record_has_is_no_gap():
-    assert 0.3 < distance._tail(np.zeros(50)) < 0.6
-    assert distance._tail(np.append(1.0, np.zeros(50))) == 1e-15
+    assert 0.3 < distance._tail(0.0, np.zeros(49)) < 0.6
+    assert distance._tail(1.0, np.zeros(50)) == 1e-15

@@ -146,8 +146,8 @@ def p_values(listed, usable, d, null):
     for place in PLACES:
         own = (np.array(listed) == place) & usable
         if own.any():
-            result[place] = _tail(np.append(np.abs(d[own]).max(),
-                                            np.abs(null[:, own]).max(1)))
+            result[place] = float(_tail(np.abs(d[own]).max(),
+                                        np.abs(null[:, own]).max(1)))
     return result, _of_places(result.values())
 
 
@@ -171,9 +171,8 @@ def log_p_error(gap):
     real = np.array([np.abs(gap.distance[part]).max() for part in own])
     rows = np.random.default_rng(0).integers(len(gap.null), size=(
         RESAMPLED, len(gap.null)))
-    return float(np.std([np.log(_of_places([
-        _tail(np.append(one, null[row])) for one, null in zip(real, largest)]))
-        for row in rows]))
+    each = [_tail(one, null[rows]) for one, null in zip(real, largest)]
+    return float(np.std(np.log([_of_places(p) for p in zip(*each)])))
 
 
 def _setting(scene, acc, first):
@@ -395,10 +394,9 @@ def _whitened_probes(acc, scene, y, late):
     return Held(listed, white)
 
 
-def _tail(largest):
-    """p-value of the first of several maxima among the others: Gumbel's law."""
-    null = largest[1:]
+def _tail(largest, null):
+    """p-value of a maximum among others (..., B): Gumbel's law."""
     # all may be the same: none of the records has what some count
-    scale = max(np.std(null, ddof=1), 1e-9) * np.sqrt(6.0) / np.pi
-    e = (largest[0] - np.mean(null)) / scale + np.euler_gamma
-    return float(max(-np.expm1(-np.exp(-e)), 1e-15))
+    scale = np.maximum(np.std(null, axis=-1, ddof=1), 1e-9) * np.sqrt(6.0) / np.pi
+    e = (largest - np.mean(null, axis=-1)) / scale + np.euler_gamma
+    return np.maximum(-np.expm1(-np.exp(-e)), 1e-15)

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from scipy.special import (
-    chdtr, chdtrc, eval_legendre, log_ndtr, ndtr, ndtri, ndtri_exp)
-from scipy.stats import poisson
+    chdtr, chdtrc, eval_legendre, log_ndtr, ndtr, ndtri, ndtri_exp, pdtr, pdtrc)
 
 from sensorid import allan_variance, brief
 from sensorlab.gap.effects import Scene
@@ -50,9 +49,10 @@ def _largest_score(log_tail, n):
 
 def _count_score(n, expected):
     """Normal score of a Poisson count, in the middle of its probability."""
-    law = poisson(expected)
-    return normal_score(0.5 * (law.cdf(n) + law.cdf(n - 1)),
-                        0.5 * (law.sf(n) + law.sf(n - 1)))
+    fewer = np.maximum(n - 1.0, 0.0)    # than n; of 0 there are none
+    return normal_score(
+        0.5 * (pdtr(n, expected) + np.where(n > 0.0, pdtr(fewer, expected), 0.0)),
+        0.5 * (pdtrc(n, expected) + np.where(n > 0.0, pdtrc(fewer, expected), 1.0)))
 
 
 # ---- statistics, a function for each place
