@@ -787,6 +787,7 @@ class Sums(NamedTuple):
     score: np.ndarray          # (C, M)
     information: np.ndarray    # (M,)
     log_det: np.ndarray        # (M,)
+    products: np.ndarray = ()    # (P, M) sum nu nu/f of the pairs of records asked for
 
 
 @njit(**JIT)
@@ -1076,7 +1077,8 @@ def _innovations_abreast(y, first, entries, apart, Phi, H, gain, x, nu):
 
 
 @njit(parallel=True, **JIT)
-def _advance_abreast(y, observed, last_gap, first, entries, Phi, Q, H, r, x, P, sums):
+def _advance_abreast(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x, P,
+                     sums, products):
     """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), n <= 6,
     nodes abreast.
 
@@ -1084,8 +1086,9 @@ def _advance_abreast(y, observed, last_gap, first, entries, Phi, Q, H, r, x, P, 
     H (groups, 1 or N, n, GROUP), r (groups, 1 or N, GROUP); entries (K, 2) rows and
     columns of Phi that are not zero; filtered state x (groups, C + 1, n, GROUP) and
     covariance P (groups, n, n, GROUP); sums (groups, C + 1, 2, GROUP) of nu^2/f and
-    nu mu/f, the last row information and log_det. Once P no longer changes, gain and f
-    are constants of the node; once mu does not, either.
+    nu mu/f, the last row information and log_det; products (groups, P, GROUP) of nu
+    nu/f of pairs (P, 2) of records. Once P no longer changes, gain and f are constants
+    of the node; once mu does not, either.
     """
     columns, samples = y.shape
     n = x.shape[2]
@@ -1093,7 +1096,8 @@ def _advance_abreast(y, observed, last_gap, first, entries, Phi, Q, H, r, x, P, 
     timeless = Phi.shape[1] == Q.shape[1] == H.shape[1] == r.shape[1] == 1
     for group in prange(len(x)):
         gain, weight = np.empty((STRETCH, n, GROUP)), np.empty((STRETCH, GROUP))
-        nu, mu = np.empty((STRETCH, GROUP)), np.empty((STRETCH, GROUP))
+        every, mu = (np.empty((columns if len(pairs) else 1, STRETCH, GROUP)),
+                     np.empty((STRETCH, GROUP)))
         own, total, past = P[group], sums[group], np.empty((n, n, GROUP))
         steady, flat = False, False
         for begin in range(0, samples, STRETCH):
@@ -1107,6 +1111,7 @@ def _advance_abreast(y, observed, last_gap, first, entries, Phi, Q, H, r, x, P, 
                 ones = record == columns - 1
                 if ones and flat:
                     continue
+                nu = every[record if len(pairs) else 0]
                 _innovations_abreast(
                     y[record, begin:end], first + begin, entries, apart, Phi[group],
                     H[group], gain[:1] if steady else gain, x[group, record], nu)
@@ -1118,6 +1123,13 @@ def _advance_abreast(y, observed, last_gap, first, entries, Phi, Q, H, r, x, P, 
                             mu[i, g] = nu[i, g]
                         else:
                             total[record, 1, g] += w[g] * nu[i, g] * mu[i, g]
+            for k in range(len(pairs)):
+                one, other, product = (every[pairs[k, 0]], every[pairs[k, 1]],
+                                       products[group, k])
+                for i in range(end - begin):
+                    w = weight[0 if steady else i]
+                    for g in range(GROUP):
+                        product[g] += w[g] * one[i, g] * other[i, g]
             if not timeless or begin <= last_gap or end - begin < STRETCH:
                 continue
             if not steady and _is_steady(past, own, gain[STRETCH - 1],
@@ -1183,7 +1195,7 @@ def modes(b):
     return Modes(*(np.diagonal(m, 0, 1, 2).copy() for m in parts), b.r)
 
 
-def filter_bank(b, y, stops, few=False):
+def filter_bank(b, y, stops, pairs=()):
     """Sums of a bank over records, at each of the given numbers of samples.
 
     Parameters
@@ -1192,8 +1204,8 @@ def filter_bank(b, y, stops, few=False):
     y : (C, N) array
         Records, u. NaN marks a missing sample, the same in all of them.
     stops : increasing sequence of int, 1 <= stop <= N
-    few : bool
-        Records are few beside the nodes, which then march abreast.
+    pairs : sequence of (int, int), optional
+        Rows of y of which `products` are wanted.
 
     Yields
     ------
@@ -1221,17 +1233,17 @@ def filter_bank(b, y, stops, few=False):
     if np.any(np.diff(stops) <= 0) or not 1 <= stops[0] <= stops[-1] <= y.shape[1]:
         raise ValueError(f"stops {list(stops)} do not increase within 1..{y.shape[1]}")
     return _sums(b, np.where(gap, 0.0, y) if gap[0].any() else y, 1.0 - gap[0], stops,
-                 few)
+                 np.reshape(pairs, (-1, 2)).astype(int) if len(pairs) else NO_PAIRS)
 
 
-def _sums(b, y, observed, stops, few):
+def _sums(b, y, observed, stops, pairs):
     """The loop of `filter_bank`: choose a kernel and advance from stop to stop."""
     stretches = [
         (begin, end, np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1))
         for begin, end in zip([0, *stops[:-1]], stops)]
-    run = (_sums_record if _is_scalar(b) and len(y) == 1
-           else _sums_trials if _is_scalar(b) and not few else _sums_abreast)
-    parts, done = run(b, y, observed, stretches), 0
+    run = (_sums_abreast if not _is_scalar(b) else _sums_pairs if len(pairs)
+           else _sums_record if len(y) == 1 else _sums_trials)
+    parts, done = run(b, y, observed, stretches, pairs), 0
     for end in stops:
         with _no_more_threads_than(-(-len(b.r) // GROUP) * len(y) * (end - done)):
             sums = next(parts)
@@ -1265,27 +1277,32 @@ def _abreast(part):
 
 def _one_by_one(part, nodes):
     """Groups (groups, ..., GROUP) as nodes (nodes, ...)."""
-    return np.moveaxis(part, -1, 1).reshape(-1, *part.shape[1:-1])[:nodes]
+    return np.concatenate(np.moveaxis(part, -1, 1))[:nodes]
 
 
-def _start_abreast(b, records):
-    """Entries, Phi, Q, H and r of a bank, and x, P and sums before the first sample, as
-    `_advance_abreast` takes them.
+NO_PAIRS = np.empty((0, 2), int)
+
+
+def _start_abreast(b, records, pairs=NO_PAIRS):
+    """What `_advance_abreast` takes before the first sample: pairs, entries, Phi, Q, H
+    and r of a bank, x, P, sums and products.
     """
     Phi, Q, H, r, m0, P = map(_abreast, (b.Phi, b.Q, b.H, b.r, b.m0, b.P0))
     x = np.repeat(m0[:, None], records + 1, 1)
     x[:, -1] = 0.0
-    return (np.argwhere(b.Phi.any((0, 1))), Phi, Q, H, r, x, P,
-            np.zeros((len(x), records + 1, 2, GROUP)))
+    return (pairs, np.argwhere(b.Phi.any((0, 1))), Phi, Q, H, r, x, P,
+            np.zeros((len(x), records + 1, 2, GROUP)),
+            np.zeros((len(x), len(pairs), GROUP)))
 
 
-def _sums_abreast(b, y, observed, stretches):
-    start, y = _start_abreast(b, len(y)), np.vstack([y, np.ones(y.shape[1])])
+def _sums_abreast(b, y, observed, stretches, pairs):
+    start, y = _start_abreast(b, len(y), pairs), np.vstack([y, np.ones(y.shape[1])])
     for begin, end, last_gap in stretches:
         _advance_abreast(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
                          last_gap, begin, *start)
-        own = _one_by_one(start[-1], len(b.m0))
-        yield own[:, :-1, 0].T, own[:, :-1, 1].T, own[:, -1, 0], own[:, -1, 1]
+        own, products = (_one_by_one(part, len(b.m0)) for part in start[-2:])
+        yield (own[:, :-1, 0].T, own[:, :-1, 1].T, own[:, -1, 0], own[:, -1, 1],
+               products.T)
 
 
 def _scalar_nodes(b, size=GROUP):
@@ -1300,7 +1317,7 @@ def _scalar_nodes(b, size=GROUP):
     return np.stack([a, q, r, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero], 1)
 
 
-def _sums_record(b, y, observed, stretches):
+def _sums_record(b, y, observed, stretches, _):
     node, memory = _scalar_nodes(b)
     state = np.zeros((len(node), 3, GROUP))
     for begin, end, last_gap in stretches:
@@ -1314,7 +1331,7 @@ def _sums_record(b, y, observed, stretches):
 PIECE = 128 * TILE    # samples whose lanes are laid side by side at a time
 
 
-def _sums_trials(b, y, observed, stretches):
+def _sums_trials(b, y, observed, stretches, _):
     size = min(GROUP, -(-len(b.r) // 2))    # of few nodes every thread has a part
     node, memory = _scalar_nodes(b, size)
     records, blocks = len(y), -(-len(y) // LANES)
@@ -1332,6 +1349,15 @@ def _sums_trials(b, y, observed, stretches):
         yield (*(state[:, :, :, part].reshape(-1, blocks * LANES)[:len(b.r), :records].T
                  for part in (1, 2)),
                *(memory[:, part, :size].ravel()[:len(b.r)] for part in (2, 3)))
+
+
+def _sums_pairs(b, y, observed, stretches, pairs):
+    """2 r's = (r + s)'(r + s) - r'r - s's: the one-state kernels give squares."""
+    C, (one, other) = len(y), pairs.T
+    for chi2, score, *rest in _sums_trials(b, np.vstack([y, y[one] + y[other]]),
+                                           observed, stretches, pairs):
+        yield (chi2[:C], score[:C], *rest,
+               0.5 * (chi2[C:] - chi2[one] - chi2[other]))
 
 
 # ---- 4. Posterior ---------------------------------- paper Sec. 2, Eqs. (3), (10)-(14)
@@ -1936,7 +1962,7 @@ def estimate_state(y, estimate, dt):
     M, start = len(b.m0), _start_abreast(b, 1)
     _advance_abreast(columns, observed, np.flatnonzero(observed == 0).max(initial=-1),
                      0, *start)
-    x, P, sums = (_one_by_one(part, M) for part in start[-3:])
+    x, P, sums = (_one_by_one(part, M) for part in start[-4:-1])
     P = np.tril(P) + np.tril(P, -1).swapaxes(1, 2)
     score, information = sums[:, 0, 1], sums[:, 1, 0]
     variance = h.bias_sigma**2 / (1.0 + h.bias_sigma**2 * information)

@@ -62,6 +62,29 @@ def test_bank_equals_the_dense_gaussian(name):
                         rtol=1e-9)
 
 
+@pytest.mark.parametrize("states", [1, 2])
+def test_products_of_pairs_are_those_of_the_dense_covariance(states):
+    def process(dt, tau_m, sigma_m, sigma_v):    # the second state is idle
+        m = s.markov(dt, tau_m, sigma_m, sigma_v)
+        return m if states == 1 else s.shaping_filter(
+            np.diag([m.Phi[0, 0, 0], 0.0]), [[m.Gamma[0, 0, 0]], [0.0]], [1.0, 0.0],
+            sigma_v, P0=np.diag([sigma_m**2, 0.0]))
+    n, pairs = 200, [(0, 1), (2, 0), (2, 2)]
+    y, t = np.random.default_rng(8).standard_normal((3, n)), np.arange(n)
+    y[:, 50:55] = np.nan
+    seen = ~np.isnan(y[0])
+    h = s.hypothesis(process, tau_m=30.0, sigma_m=1.0, sigma_v=0.5)
+    b = s.bank(h, 1.0, np.array(THETA["markov"])[[0, 2]])
+    sums = list(s.filter_bank(b, y, [100, n], pairs))[-1]
+    for node, (tau, sigma_m, sigma_v) in enumerate(
+            np.array(THETA["markov"])[[0, 2]]):
+        C = sigma_m**2 * np.exp(-abs(t[:, None] - t) / tau) + sigma_v**2 * np.eye(n)
+        per_C = np.linalg.inv(C[np.ix_(seen, seen)])
+        expected = y[:, seen] @ per_C @ y[:, seen].T
+        assert_allclose(sums.products[:, node], [expected[i, j] for i, j in pairs],
+                        rtol=1e-9, atol=1e-9)
+
+
 def test_bank_equals_statsmodels():
     from statsmodels.tsa.statespace.mlemodel import MLEModel
     theta = 30.0, 1.0, 0.5
@@ -254,9 +277,10 @@ def test_states_end_at_zero_where_a_record_does():
     x = np.ones((1, 2, 1, s.GROUP))
     part = np.zeros((1, 1, s.GROUP))
     node = part[:, :, None]    # of one state
-    s._advance_abreast(np.zeros((2, n)), np.ones(n), -1, 0, np.array([[0, 0]]),
-                       node[:, :, None] + a, node[:, :, None], node + 1.0, part + 1.0,
-                       x, node.copy(), np.zeros((1, 2, 2, s.GROUP)))
+    s._advance_abreast(np.zeros((2, n)), np.ones(n), -1, 0, s.NO_PAIRS,
+                       np.array([[0, 0]]), node[:, :, None] + a, node[:, :, None],
+                       node + 1.0, part + 1.0, x, node.copy(),
+                       np.zeros((1, 2, 2, s.GROUP)), np.zeros((1, 0, s.GROUP)))
     assert not x[:, 0].any()    # of ones: no more, once their innovation is constant
 
 

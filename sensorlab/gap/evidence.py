@@ -195,10 +195,11 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         # an evidence is a mean likelihood, and no more than its peak
         low = bool(near) and points.total.max() + d < floor - HOPELESS_NATS
         hopeless = low or below > HOPELESS_NATS and effective >= 2.0 * (d + 1) or (
-            below > 3.0 * HOPELESS_NATS and attempt > patience + 1)
+            below > 3.0 * HOPELESS_NATS and attempt > patience + 2)
         if effective >= enough or hopeless:
             break
-        if attempt in (patience, patience + 1) and missed and not found:
+        first = patience + bool(guesses and near)
+        if attempt in (first, first + 1) and missed and not found:
             start, height = _highest(points, modes)
             modes.append(climb(lambda x: located(x).log_posterior, start))
             top = located(modes[-1][0][None]).log_posterior[0]
@@ -275,8 +276,8 @@ def _next_law(points, log_weight, effective, found, laws):
 
 
 MAX_CLIMB = 12    # steps
-NEW_CURVATURE = 3    # steps that one serves: second derivatives take d times as many
-                     # points as first ones
+FAR = 1.0         # standard deviations from where it was taken: there a curvature is
+                  # taken again, which costs d times as many points as a slope
 DERIVATIVE_STEP = 1e-2    # in standard deviations of the prior: wide enough to pass
                           # over the roughness that a mixture filter has
 DAMPING = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 13)])
@@ -288,18 +289,23 @@ def climb(log_posterior, x):
     Newton's steps, each of them at several dampings at once (D. Marquardt, J. SIAM 11,
     1963); `log_posterior` takes (M, d), its prior is N(0, I).
     """
+    taken, (height, slope, width, axes) = x, _curvature(log_posterior, x)
+
+    def is_far():
+        return np.sum(width * (axes.T @ (x - taken))**2) > FAR**2
     for step in range(MAX_CLIMB):
-        if step % NEW_CURVATURE == 0:
-            height, slope, width, axes = _curvature(log_posterior, x)
-        else:
-            height, slope = _slope(log_posterior, x)
+        if step:
+            if is_far():
+                taken, (height, slope, width, axes) = x, _curvature(log_posterior, x)
+            else:
+                height, slope = _slope(log_posterior, x)
         push = axes.T @ slope
         tries = x + (push / (width + DAMPING[:, None])) @ axes.T
         heights = log_posterior(tries)
         if heights.max() < height + 0.1:
             break
         x = tries[heights.argmax()]
-    if step % NEW_CURVATURE:
+    if is_far():
         *_, width, axes = _curvature(log_posterior, x)
     return x, axes @ np.diag(1.0 / width) @ axes.T
 
@@ -316,14 +322,15 @@ def _curvature(log_posterior, x):
     """`_slope`, and widths (d,) and axes (d, d) of minus the second derivatives."""
     d = len(x)
     shift = DERIVATIVE_STEP * np.eye(d)
-    pairs = [(i, j) for i in range(d) for j in range(i)]
-    lp = log_posterior(x + np.vstack([np.zeros((1, d)), shift, -shift, *(
-        [one * shift[i] + two * shift[j] for one in (1, -1) for two in (1, -1)]
-        for i, j in pairs)]))
-    up, down, cross = lp[1:1 + d], lp[1 + d:1 + 2 * d], lp[1 + 2 * d:]
-    curvature = np.diag(2.0 * lp[0] - up - down)
-    for (i, j), (a, b, c, e) in zip(pairs, cross.reshape(-1, 4)):
-        curvature[i, j] = curvature[j, i] = 0.25 * (b + c - a - e)
+    i, j = np.tril_indices(d, -1)
+    both = shift[i] + shift[j]
+    lp = log_posterior(x + np.vstack([np.zeros((1, d)), shift, -shift, both, -both]))
+    up, down = lp[1:1 + 2 * d].reshape(2, d)
+    curve = 2.0 * lp[0] - up - down
+    curvature = np.diag(curve)
+    cross = lp[1 + 2 * d:].reshape(2, -1).sum(0)    # 2 f - curve of i + j
+    curvature[i, j] = curvature[j, i] = 0.5 * (
+        2.0 * lp[0] - cross - curve[i] - curve[j])
     width, axes = np.linalg.eigh(curvature / DERIVATIVE_STEP**2)
     # the prior alone curves by 1
     return lp[0], (up - down) / (2.0 * DERIVATIVE_STEP), np.maximum(

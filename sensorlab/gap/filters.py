@@ -255,8 +255,8 @@ def products(h, scene, y, columns, theta):
     rows /= size[:, None]
     R, c = len(y), len(columns)
     pairs = [(i, j) for i in range(R, R + c) for j in range(i)]
-    sums, cross = polarized(bank(h, scene.dt, theta), scene._replace(y=y[0]), rows,
-                            pairs)
+    rows[:, np.isnan(y[0])] = np.nan
+    sums = next(filter_bank(bank(h, scene.dt, theta), rows, [len(scene.y)], pairs))
     result = np.empty((R, len(theta), c + 2, c + 2))
     result[..., -1, -1] = sums.information
     # a record is in the first place of its own products, a column in those of all
@@ -265,7 +265,7 @@ def products(h, scene, y, columns, theta):
     for (own, at), square, score in zip(place, sums.chi2, sums.score):
         result[own, :, at, at] = square
         result[own, :, at, -1] = result[own, :, -1, at] = score
-    for product, (i, j) in zip(cross, pairs):
+    for product, (i, j) in zip(sums.products, pairs):
         (own, at), (_, of) = place[j], place[i]
         result[own, :, of, at] = result[own, :, at, of] = product
     of_columns = np.append(size[R:], 1.0)
@@ -273,23 +273,6 @@ def products(h, scene, y, columns, theta):
         one = np.append(size[number], of_columns)
         result[number] *= one[:, None] * one
     return Gram(sums.count, sums.log_det, result)
-
-
-def polarized(b, scene, rows, pairs):
-    """`Sums` of a bank and rows (c, N), and products r' C^-1 s of pairs of them (P, M),
-    by 2 r's = (r + s)'(r + s) - r'r - s's: the bank gives squares only.
-    """
-    count, gap, every = len(rows), np.isnan(scene.y), rows
-    if pairs or gap.any():
-        every = np.empty((count + len(pairs), len(gap)))
-        every[:count] = rows
-        for row, (i, j) in zip(every[count:], pairs):
-            np.add(rows[i], rows[j], out=row)
-        every[:, gap] = np.nan
-    sums = next(filter_bank(b, every, [len(gap)], few=len(every) <= len(b.r)))
-    cross = [0.5 * (chi2 - sums.chi2[i] - sums.chi2[j])
-             for chi2, (i, j) in zip(sums.chi2[count:], pairs)]
-    return sums, np.array(cross)
 
 
 class Solved(NamedTuple):

@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from sensorid import JIT, LANES, brief
+from sensorid import JIT, LANES, brief, filter_bank
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import BLOCK, Effect
-from sensorlab.gap.filters import polarized
 from sensorlab.gap.kernels import KERNEL, in_threads, row_products
 
 # ---- Bayes factor of a size
@@ -200,14 +199,15 @@ def joined(parts):
 def information(scene, columns, solved):
     """Information (M, m, k, k) of signatures (m, k, N) beside the known columns."""
     m, k, N = columns.shape
-    rows = columns.reshape(-1, N)
-    pairs = [(i, i + 1) for i in range(0, m * k, 2)] if k == 2 else []
-    sums, products = polarized(solved.bank, scene, rows, pairs)
+    rows, gap = columns.reshape(-1, N), np.isnan(scene.y)
+    sums = next(filter_bank(
+        solved.bank, np.where(gap, np.nan, rows) if gap.any() else rows, [N],
+        [(i, i + 1) for i in range(0, m * k, 2)] if k == 2 else ()))
     squares = np.empty((len(solved.base), m, k, k))
     for i in range(k):
         squares[..., i, i] = sums.chi2[i:m * k:k].T
     if k == 2:
-        squares[..., 0, 1] = squares[..., 1, 0] = products.T
+        squares[..., 0, 1] = squares[..., 1, 0] = sums.products.T
     M, c = solved.w.shape[:2]
     cross = row_products(solved.w.reshape(-1, N), rows).reshape(M, c, m, k)
     return squares - np.einsum("mcak,mcd,mdal->makl", cross, solved.cov, cross)
