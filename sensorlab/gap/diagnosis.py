@@ -188,7 +188,7 @@ def _described(full, done, before, measured):
     if directed:
         closed = along_the_filter(path.log_bayes, done.left)
     return _Described(done, closed, directed, remainder(before, done.after), parts(
-        full, path, done.account, closed, before, done.after, measured))
+        full, path, done.account, done.lesser, closed, before, done.after, measured))
 
 
 MOST_ERROR = 0.03    # of a probability, by chance of the simulated records

@@ -41,16 +41,16 @@ def remainder(before, after):
 TRIALS_WITHOUT = 60    # simulated records behind a share
 
 
-def parts(full, path, acc, closed, before, after, measured):
-    """`Part` of every effect of a path; `closed` is the `Closure` by all of them,
-    `measured` gives the `Gap` to an account.
+def parts(full, path, acc, lesser, closed, before, after, measured):
+    """`Part` of every effect of a path; `lesser` as in `Search`, `closed` is the
+    `Closure` by all of them, `measured` gives the `Gap` to an account.
     """
     if len(path.found) == 1:
         share = np.clip(closed.closed, 0.0, 1.0)
         return (Part(float(share), stays_needed(path.found[0].effect, before, after)),)
     out, result = standing_out(before), []
     for number, one in enumerate(path.found):
-        less = without(full, acc, path.found, number)
+        less = lesser.get(number) or without(full, acc, path.found, number)
         gap = measured(less, after, TRIALS_WITHOUT, None)
         share = (gap.rms(out) - after.rms(out)) / (before.rms(out) - 1.0) if (
             out.any()) else (acc.log_evidence - less.log_evidence) / path.log_bayes

@@ -22,6 +22,8 @@ class Search(NamedTuple):
     """How far the search for effects has come."""
 
     account: Account
+    lesser: dict      # number of an effect of the path -> account without it, as far as
+                      # they are known
     path: Cause       # what has been found, with the probability of having gone there
     leaves: dict      # name of a set of effects -> Cause: where the search could stop
     after: Gap
@@ -39,7 +41,7 @@ def search(full, start, readings, effects, before, measured, shared):
     described, but nothing that is missing.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
-    added, doubtful, leaves, after, left = 0, 0, {}, before, 0.0
+    added, doubtful, leaves, after, left, lesser = 0, 0, {}, before, 0.0, {}
     if path.found:
         after = measured(acc)
     for _ in range(0 if any(r.opaque for r in start.readings) else MAX_LOOKS):
@@ -52,10 +54,10 @@ def search(full, start, readings, effects, before, measured, shared):
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])
         if look.account is None:
-            return Search(acc, path, leaves, after, left)
+            return Search(acc, lesser, path, leaves, after, left)
         (one,) = found[0].found
         if shared(one, look.account, scene):
-            acc, leaves = look.account, before_it
+            acc, leaves, lesser = look.account, before_it, {}
             if one.effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
                                                *acc.signatures[:-1]))
@@ -64,25 +66,29 @@ def search(full, start, readings, effects, before, measured, shared):
         added += 1
         acc, path = look.account, _joined(path, found[0])
         leaves.pop(path.effect)
-        acc, path, leaves = _without_needless(full, acc, path, leaves, look.prior)
+        acc, lesser, path, leaves = _without_needless(full, acc, path, leaves,
+                                                      look.prior)
         last, after = after, measured(acc, after)
         needed = stays_needed(path.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
-    return Search(acc, path, {**leaves, path.effect: path}, after, left)
+    return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left)
 
 
 def narrowed(full, done, names, measured):
     """A search with only those effects of its path that have certain names."""
-    acc, path = done.account, done.path
+    acc, lesser, path = done.account, done.lesser, done.path
     for number, one in reversed(list(enumerate(path.found))):
         if one.name not in names:
-            acc, path = _less(full, acc, path, number)
-    return Search(acc, path, {path.effect: path}, measured(acc), done.left)
+            acc, path = _less(full, acc, lesser, path, number)
+            lesser = {}
+    return Search(acc, lesser, path, {path.effect: path}, measured(acc), done.left)
 
 
-def _less(full, acc, path, number):
-    """An account and a path without effect `number` of those found."""
-    less = without(full, acc, path.found, number)
+def _less(full, acc, lesser, path, number):
+    """An account and a path without effect `number` of those found; `lesser` as in
+    `Search`.
+    """
+    less = lesser.get(number) or without(full, acc, path.found, number)
     return less, path._replace(
         found=path.found[:number] + path.found[number + 1:],
         log_bayes=path.log_bayes + less.log_evidence - acc.log_evidence)
@@ -92,18 +98,21 @@ def _without_needless(full, acc, path, leaves, prior):
     """The account and the path without what was found before and is not needed beside
     what is found now: what one effect seemed to be two others may explain.
     """
+    lesser = {}
     for number, one in reversed(list(enumerate(path.found[:-1]))):
         if one.effect.reading:
             continue
-        less, rest = _less(full, acc, path, number)
+        less, rest = _less(full, acc, {}, path, number)
         log_odds = (acc.log_evidence - less.log_evidence + prior
                     - search_cost(one.effect, full))
         if log_odds < 0.0:
             kept = 1.0 / (1.0 + np.exp(-log_odds))
             leaves = {**leaves, path.effect: scaled(path, kept, 0.0)}
-            acc, path = less, scaled(rest, 1.0 - kept, 0.0)
+            acc, path, lesser = less, scaled(rest, 1.0 - kept, 0.0), {}
             leaves.pop(path.effect, None)
-    return acc, path, leaves
+        else:
+            lesser[number] = less
+    return acc, lesser, path, leaves
 
 
 def _joined(path, cause):
