@@ -121,7 +121,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     assert set(result["algorithms"]) == {"slopes", "aic"}
     assert set(result["algorithms"]["aic"]["efficiency"]) == set(result["rsd"])
     assert "on the same trials" in capsys.readouterr().out
-    assert main("criteria m.json --duration 200 --trials 64 --target 0.3 "
+    assert main("criteria m.json --duration 200 --trials 32 --target 0.3 "
                   "--target-rsd tau_m=0.01 --design sigma_v=0.1,0.5 --design dt=0.5,1 "
                   "--json t.json --csv t.csv --plot t.png".split()) == 0
     said = capsys.readouterr().out
@@ -294,6 +294,7 @@ def test_outputs_follow_no_links_and_leave_pipes_alone(folder, capsys):
     assert not pathlib.Path("none.json").exists()
 
 
+@pytest.mark.large
 def test_a_real_gyro_is_identified(real, tmp_path, monkeypatch, capsys):
     run = np.load(real / "adis16405_run1.npz")
     monkeypatch.chdir(tmp_path)

@@ -431,7 +431,7 @@ def test_the_bound_of_one_run_holds_on_the_next(real):
     def record(run):
         data = np.load(real / f"adis16405_run{run}.npz")
         return data["gyro_counts"][0] * float(data["gyro_lsb"])
-    y = record(1)[:200000]
+    y = record(1)[:100000]
     e = sensorid.identify(y, 0.01, sensorid.default_hypotheses(
         y, 0.01, ["random_walk_markov"])).best
     h = e.hypothesis._replace(parameters=tuple(

@@ -30,8 +30,9 @@ runpy.run_path("sensorid.py", run_name="__main__")
 
 @pytest.fixture
 def record(tmp_path):
-    """A folder with a copy of the module and a record."""
-    shutil.copy(s.__file__, tmp_path)
+    """A folder with a copy of the module, with what has been compiled, and a record."""
+    shutil.copy2(s.__file__, tmp_path)
+    shutil.copytree(ROOT / "__pycache__", tmp_path / "__pycache__")
     y = s.simulate([s.hypothesis("random_walk", sigma_w=0.1)], 1.0, 300, 1).error[0]
     np.savetxt(tmp_path / "r.csv", np.column_stack([np.arange(300), y]), delimiter=",",
                header="time,error", comments="")

@@ -53,6 +53,7 @@ def test_a_parameter_that_moved_leaves_no_gap_behind(known):
     assert d.verdict == "wrong_parameter" and d.remainder.where == -1
 
 
+@pytest.mark.large
 def test_a_line_that_moved_is_no_other_line(known):
     y, simulator = known
     assert "sinusoid" in [one.name for one in simulator.effects[0]]

@@ -119,7 +119,9 @@ def test_a_scale_factor_that_depends_on_temperature_is_unknown():
     assert d.after.p_place["covariate"] < 1e-4
 
 
-@pytest.mark.parametrize("effect", ["pulse", "second_order_drift", "hysteresis"])
+@pytest.mark.parametrize("effect", ["pulse", *(
+    pytest.param(e, marks=pytest.mark.large)
+    for e in ("second_order_drift", "hysteresis"))])
 def test_what_drifts_returns_or_lags_is_named(effect):
     record, t = generator.record(620, 2), np.arange(generator.N)
     T = record["temperature"] = 25.0 + 5.0 * np.sin(2.0 * np.pi * t / 900.0)
@@ -155,6 +157,7 @@ def test_a_colour_is_named(effect, variant, values):
     assert (saved.name, saved.variant) == (effect, variant)
 
 
+@pytest.mark.large
 def test_two_bands_are_two_and_stay_two_in_a_file(tmp_path):
     bands = [Found(EFFECTS["narrow_band_noise"], values=account.fixed(
         frequency=f, tau=25.0, sigma=0.5)) for f in (0.07, 0.31)]

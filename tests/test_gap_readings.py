@@ -73,6 +73,7 @@ def test_a_sensor_that_is_polled_too_fast_has_its_rate_read(rate, lsb):
     assert np.mean(again != scene.y) < 0.01
 
 
+@pytest.mark.large
 def test_a_sensor_that_is_polled_too_fast_is_named_beside_its_noise():
     y = sensorid.simulate(MODEL[:1], DT, 2000, seed=8).error[0]
     onset = 8.0 * (np.arange(2000) >= 900)

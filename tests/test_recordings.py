@@ -8,6 +8,7 @@ import sensorlab
 from sensorlab.gap import sizes, words
 
 
+@pytest.mark.large
 def test_a_turn_on_transient_and_its_temperature(real):
     with np.load(real / "mpu6050_static10min_temp.npz") as z:
         n = z["temp_degC"].size // 50 * 50    # 0.5 s means: the stamps jitter
