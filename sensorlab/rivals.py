@@ -204,24 +204,29 @@ def _penalized(hypotheses, fits, penalty):
             [theta for theta, _ in fits])
 
 
+DERIVATIVE_STEP = 1e-5    # of a range
+
+
 def _maximize(h, log_likelihoods):
     """Parameters (p,) in their ranges where a function of h and nodes (M, p) is
     largest.
     """
-    def inside(u):
-        """Mirrored at the ends of the ranges: a simplex may not collapse onto one."""
-        return at_quantiles(h.parameters, 1.0 - np.abs(1.0 - u % 2.0))
     nodes = _coarse(h)
-    ll = log_likelihoods(h, inside(nodes))
+    ll = log_likelihoods(h, at_quantiles(h.parameters, nodes))
     u = nodes[int(np.argmax(ll))]
     if not len(u):
-        return inside(u), float(ll[0])
-    # 1e-4 of a range is far below any standard deviation
-    best = minimize(lambda u: -log_likelihoods(h, inside(u)[None])[0], u,
-                    method="Nelder-Mead", options=dict(
-                        xatol=1e-4, fatol=1e-3,
-                        initial_simplex=u + np.vstack([0.0 * u, 0.1 * np.eye(len(u))])))
-    return inside(best.x), -float(best.fun)
+        return at_quantiles(h.parameters, u), float(ll[0])
+
+    def with_slope(u):
+        """Minus the log-likelihood and its slope: one call of a bank."""
+        around = np.clip(u + DERIVATIVE_STEP * np.vstack([
+            np.zeros(len(u)), np.eye(len(u)), -np.eye(len(u))]), 0.0, 1.0)
+        ll = -log_likelihoods(h, at_quantiles(h.parameters, around))
+        up, down = around[1:].reshape(2, len(u), len(u)).diagonal(0, 1, 2)
+        return ll[0], (ll[1:len(u) + 1] - ll[len(u) + 1:]) / (up - down)
+    best = minimize(with_slope, u, jac=True, method="L-BFGS-B",
+                    bounds=[(0.0, 1.0)] * len(u), options=dict(ftol=1e-9))
+    return at_quantiles(h.parameters, best.x), -float(best.fun)
 
 
 def _coarse(h):
