@@ -16,7 +16,7 @@ from figures import save, withheld
 
 SEED = 1997
 REPEATS = 20    # records of a condition
-HEALTHY, OUTSIDE = ("none", "undecided"), ("unknown", "undecided")    # right verdicts
+HEALTHY = "none", "undecided"    # right verdicts
 
 WALK = dict(sigma_w=(0.04, 0.15), sigma_v=(0.25, 1.0))
 MARKOV = dict(tau_m=(60.0, 1500.0), sigma_m=(0.5, 1.5), sigma_v=(0.25, 1.0))
@@ -169,7 +169,7 @@ CONDITIONS = {
     "square of a rate": (curved, ("nonlinearity",)),
     "derivative of a rate": (late, ("latency",)),
     "counts": (counts, ("quantization",)),
-    "walk that grows": (restless, (*OUTSIDE, "wrong_parameter")),
+    "walk that grows": (restless, ("walk_step",)),
     "square wave": (square_wave, ("sinusoid",)),    # and its harmonics
 }
 

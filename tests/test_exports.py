@@ -272,14 +272,18 @@ def test_where_no_walk_is_needed_a_negligible_one_is_written(sensor):
 
 def test_every_file_says_its_convention_and_what_is_lost(sensor):
     effects = [dict(name="rate_ramp", parameters=dict(slope=1.0)),
+               dict(name="walk_step", parameters=dict(onset=9.0, ratio=3.0)),
                dict(name="outliers", parameters=dict(rate=0.01, sigma=100.0)),
                dict(name="random_telegraph", parameters=dict(dwell=0.2, size=10.0)),
                dict(name="saturation", parameters=dict(limits=[-300.0, 400.0])),
                dict(name="quantization", parameters=dict(lsb=1.0))]
     a = sensor(BOTH | dict(effects=effects), bias=3.0)
+    even = sensor(BOTH | dict(effects=effects[:1] + effects[2:]), bias=3.0)
+    np.testing.assert_allclose(a.filt.Gamma[0, :2], 3.0 * even.filt.Gamma[0, :2])
     for name, target in TARGETS.items():
         text, lost = target([a])
         assert "Convention: " in text and "rate_ramp is left out" in text, name
+        assert "walk_step: the louder side" in text
         assert any("limits" in one for one in lost) != (name == "numpy"), name
         assert text.count("Lost: ") == len(lost), name
 

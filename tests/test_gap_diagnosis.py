@@ -157,6 +157,27 @@ def test_a_colour_is_named(effect, variant, values):
     assert (saved.name, saved.variant) == (effect, variant)
 
 
+@pytest.mark.parametrize("ratio", [
+    5.0, pytest.param(0.2, marks=pytest.mark.large)])
+def test_a_change_of_what_drives_a_walk_is_named(ratio, tmp_path):
+    """No line, and no drift, is seen in the louder part of it."""
+    rng = np.random.default_rng(4)
+    drive = np.where(np.arange(1500) < 600, 0.1, 0.1 * ratio)
+    y = np.cumsum(drive * rng.standard_normal(1500)) + 0.4 * rng.standard_normal(1500)
+    d = sensorlab.diagnose(y, DT, MODEL)
+    assert d.verdict == "walk_step"
+    for symbol, truth in dict(onset=600.0, ratio=ratio).items():
+        mean, sd = d.found[0].values[symbol]
+        assert abs(mean - truth) < 4.0 * sd, symbol
+    (tmp_path / "m.json").write_text(sensorlab.model_text(sensorlab.Model(
+        DT, "u", sensorlab.augmented(d))))
+    saved = sensorlab.read_model(tmp_path / "m.json").simulator
+    again = sensorlab.simulate_effects(saved, Scene(y, DT, {}), seed=3).error[0]
+    loud = np.diff(again[600:]).std() > np.diff(again[:600]).std()
+    assert loud == (ratio > 1.0)
+    assert sensorlab.diagnose(y, DT, saved).verdict in ("none", "undecided")
+
+
 @pytest.mark.large
 def test_two_bands_are_two_and_stay_two_in_a_file(tmp_path):
     bands = [Found(EFFECTS["narrow_band_noise"], values=account.fixed(

@@ -41,19 +41,24 @@ def ln_bayes(scene, h, name):
     base = account(scene, [h])
     full = account(scene, [h], [h.with_effect(CATALOGUE[name])], past=base)
     seen = filters.predict(h, scene, (), base.theta[None])
+    if CATALOGUE[name].drive:
+        return full.log_evidence - base.log_evidence, screens.change_of_drive(
+            CATALOGUE[name], scene, base.member, (), base.theta).about
     z = seen.z[0, 0]
     return full.log_evidence - base.log_evidence, screens.screened(
         CATALOGUE[name], scene, z, screens.usual_variance(z, seen.log_score[0, 0]))
 
 
-@pytest.mark.parametrize("name", screens.SCREENS)
+@pytest.mark.parametrize("name", [*screens.SCREENS, "walk_step"])
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_a_screen_tells_about_what_the_filters_tell(name, share):
     rng = np.random.default_rng(8)
     y = np.cumsum(0.05 * rng.standard_normal(1500)) + 0.5 * rng.standard_normal(1500)
-    other = dict(noise_step=0.4 * (np.arange(1500) > 900),
+    late = np.arange(1500) > 900
+    other = dict(noise_step=0.4 * late, walk_step=0.2 * late,
                  outliers=2.0 * (rng.random(1500) < 0.01))[name]
-    scene = Scene(y + share * other * rng.standard_normal(1500), DT, {})
+    more = share * other * rng.standard_normal(1500)
+    scene = Scene(y + (np.cumsum(more) if name == "walk_step" else more), DT, {})
     exact, about = ln_bayes(scene, member(scene, MODEL[0]), name)
     assert (exact > 3.0) == bool(share)
     assert_allclose(about, exact, atol=1.0 + 0.2 * abs(exact))

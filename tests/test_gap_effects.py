@@ -21,10 +21,21 @@ def shaped(numerator, denominator, lag):
     return np.correlate(response, response, "full")[1999:][lag]
 
 
+def driven(p0, a, times):
+    """Covariance of a Markov process of the variance p0 at first whose noise has so
+    many times the variance that keeps it, at every sample.
+    """
+    response = a**np.subtract.outer(np.arange(len(times)), np.arange(len(times)))
+    response = np.tril(response)
+    at_first = a**np.arange(1, len(times) + 1)
+    return p0 * (np.outer(at_first, at_first) + (1.0 - a * a) * (
+        response * times) @ response.T)
+
+
 @pytest.mark.parametrize("name, variant", [
     ("random_walk", ""), ("correlated_noise", ""), ("bias_instability", ""),
     ("narrow_band_noise", ""), ("bandwidth", "first order"), ("blue_noise", ""),
-    ("bandwidth", "second order"), ("noise_step", "")])
+    ("bandwidth", "second order"), ("noise_step", ""), ("walk_step", "")])
 def test_processes_have_the_covariance_that_is_written(name, variant):
     scene = Scene(np.zeros(200), DT, {})
     h = member(scene, MODEL[1]).with_effect(CATALOGUE[name], variant)
@@ -51,6 +62,8 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
             1.0 + a) * shaped([1.0, -1.0], [1.0, -a], lag)),
         ("noise_step", ""): ((120.0, 3.0), base + 0.16 * eye * np.where(
             t >= 120, 9, 1)),
+        ("walk_step", ""): ((120.0, 3.0), 0.16 * eye + driven(0.81, np.exp(
+            -1.0 / 300.0), np.where(t >= 120, 9, 1))),
     }[name, variant]
     theta = np.array([[300.0, 0.9, 0.4, *own]])
     y = np.random.default_rng(5).standard_normal(200)
@@ -162,6 +175,10 @@ def test_simulated_noises_have_the_variance_that_is_written():
         ("stuck", dict(spans=[[100.0, 20]])))))
     assert y.min() == -1.0 and y.max() == 2.0 and len(np.unique(y)) <= 13
     assert (y[100:120] == y[100]).all()
+    h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.0)
+    y = drawn("walk_step", onset=10000.0, ratio=9.0)
+    assert_allclose([np.diff(y[:10000]).std(), np.diff(y[10000:]).std()], [0.1, 0.9],
+                    rtol=0.03)
 
 
 @pytest.mark.parametrize("name, variant", [

@@ -67,10 +67,18 @@ def test_a_climb_finds_mode_and_covariance_of_a_gaussian():
     assert_allclose(cov, C, rtol=1e-6, atol=1e-8)
 
 
-def stepped(n=300):
-    """White noise that doubles at sample 120, on a bias; scene and hypothesis with all
-    but the onset known.
+def stepped(effect, n=300):
+    """White noise that doubles at sample 120, or a walk that is driven ten times as
+    much from there on, on a bias; scene and hypothesis with all but the onset known.
     """
+    if effect == "walk_step":
+        rng = np.random.default_rng(3)
+        walk = np.cumsum(rng.standard_normal(n) * np.where(np.arange(n) < 120, 0.2, 2.0)
+                         )
+        scene = Scene(0.7 + walk + rng.standard_normal(n), DT, {})
+        h = member(scene, sensorid.hypothesis("random_walk", sigma_w=0.2, sigma_v=1.0),
+                   effect)
+        return scene, h.fixed({(effect, "ratio"): 10.0})
     noise = np.random.default_rng(3).standard_normal(n)
     scene = Scene(0.7 + noise * np.where(np.arange(n) < 120, 1.0, 2.0), DT, {})
     h = sensorid.hypothesis("random_walk", sigma_w=0.05, sigma_v=1.0)
@@ -78,8 +86,12 @@ def stepped(n=300):
     return scene, h.fixed({("noise_step", "ratio"): 2.0})
 
 
-def test_onsets_are_drawn_from_their_law():
-    scene, h = stepped()
+CHANGES = pytest.mark.parametrize("effect", ["noise_step", "walk_step"])
+
+
+@CHANGES
+def test_onsets_are_drawn_from_their_law(effect):
+    scene, h = stepped(effect)
     u = (np.arange(4000) + 0.5) / 4000
     theta, log_ratio = evidence.onset_law(h, scene, ())(
         sensorid.at_quantiles(h.parameters, u[:, None]))
@@ -89,9 +101,11 @@ def test_onsets_are_drawn_from_their_law():
     assert weight.sum()**2 / (weight @ weight) > 2000    # nearly the posterior itself
 
 
-def test_evidence_of_an_unknown_onset_is_the_sum_over_all():
-    scene, h = stepped()
-    every = np.array([[0.05, 1.0, (i + 0.5) * DT, 2.0]
+@CHANGES
+def test_evidence_of_an_unknown_onset_is_the_sum_over_all(effect):
+    scene, h = stepped(effect)
+    known = [p.low for p in h.parameters]
+    every = np.array([[*known[:2], (i + 0.5) * DT, known[3]]
                       for i in range(MIN_SIDE, len(scene.y) - MIN_SIDE)])
     exact = logsumexp(filters.log_likelihoods(h, scene, (), every)) - np.log(
         len(every))

@@ -64,6 +64,28 @@ def test_plain_filters_are_the_mixture_filters_without_jumps(short):
                     plain.log_likelihood[:3], rtol=1e-9)
 
 
+def test_a_change_of_what_drives_the_states_is_that_of_the_general_bank(short):
+    """Two ways that share no line: matrices of every sample, and one number more."""
+    scene, *_, seen = short
+    h = member(scene, sensorid.hypothesis(
+        "two_markov", tau_m=300.0, sigma_m=0.9, tau_n=5.0, sigma_n=0.6, sigma_v=0.4),
+        "correlated_noise", "walk_step")
+    theta = np.array([[300.0, 0.9, 5.0, 0.6, 0.4, 9.0, 0.7, 80.3, 5.0],
+                      [300.0, 0.9, 5.0, 0.6, 0.4, 3.0, 0.3, 120.0, 0.2]])
+    t = scene.time
+    rows = np.array([scene.y, np.where(seen, np.cos(0.3 * t), np.nan)])
+    # base states alone: the matrices of a step are taken before another joins
+    b = sensorid.bank(h, DT, theta)
+    assert b.Q.shape == (2, 200, 3, 3)
+    whole = next(sensorid.filter_bank(b, rows, [200], [(0, 1)]))
+    one = filters.solve(h, scene, (), theta)
+    for mine, its in zip(filters.summed(one.bank, one.parts, rows, [(0, 1)]), whole):
+        assert_allclose(mine, its, rtol=1e-9)
+    white = filters.predict(h, scene, (), theta)
+    assert_allclose(white.log_likelihood[0], one.base, rtol=1e-10)
+    assert_allclose(filters.log_likelihoods(h, scene, (), theta), one.base, rtol=1e-10)
+
+
 def test_outliers_in_white_noise_are_an_independent_mixture():
     h = sensorid.hypothesis("white_noise", sigma_v=0.5, bias_sigma=0.0)
     scene = Scene(np.random.default_rng(1).standard_normal(300), DT, {})
@@ -144,9 +166,10 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
         assert_array_equal(one.pair, [1, 0, 2])
         out = np.full((2, 2, 4, 60), np.nan)
         total = kernels.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
-                                        r, outlier, jump, out)
+                                        one.later, r, outlier, jump, out)
         said.append((total, out, *kernels.adjoint(
-            np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, r)))
+            np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, one.later,
+            r)))
     for one, other in zip(*said):
         assert_allclose(one, other, rtol=1e-9, atol=1e-11)
 

@@ -124,8 +124,9 @@ def axis(model, unit=None, duration=3600.0):
 
 
 def _scaled(filt, si):
-    """A shaping filter in another unit."""
-    return filt._replace(Gamma=si * filt.Gamma, Psi=si * filt.Psi, m0=si * filt.m0,
+    """A shaping filter in another unit, its states driven as where that is loudest."""
+    loudest = max(filt.Gamma[:1], filt.Gamma[-1:], key=np.linalg.norm)
+    return filt._replace(Gamma=si * loudest, Psi=si * filt.Psi, m0=si * filt.m0,
                          P0=si**2 * filt.P0)
 
 
@@ -134,7 +135,7 @@ def _strange(effects):
     for one in effects:
         if one.effect.columns:
             yield f"{one.name} is left out: {one.effect.equation}"
-        elif one.name == "noise_step":
-            yield "noise_step: the louder side counts for the whole"
+        elif one.name in ("noise_step", "walk_step"):
+            yield f"{one.name}: the louder side counts for the whole"
         elif one.name == "stuck":
             yield "stuck is left out"

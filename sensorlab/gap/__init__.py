@@ -5,6 +5,7 @@ hypothesis, and Eq. (10) gives its probability. An effect is given by what it do
 
     columns    something known, times an unknown size, is added to the record
     model      another shaping filter, or another variance, inside the model
+    drive      the noise that drives the hypothesis's own states changes at a sample
     jumps      noise that is not Gaussian: a filter with several modes
     reading    the values themselves are altered: rounded, clipped, repeated
     factor     a parameter of the simulator is itself wrong

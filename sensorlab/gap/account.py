@@ -4,14 +4,15 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtri
 
 from sensorid import Parameter, brief, free_columns, probabilities
 from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, predict
-from sensorlab.gap.screens import law_of_outliers, usual_variance
+from sensorlab.gap.screens import (
+    STRENGTHS, change_of_drive, law_of_outliers, usual_variance)
 from sensorlab.gap.spectra import posterior_law
 
 
@@ -103,6 +104,8 @@ def guesses_from(past, number, h, scene, signatures):
     axes = list(known.values())
     kept = _spread(keys, list(known), mean[axes], cov[np.ix_(axes, axes)])
     result = [kept] if known else []
+    if h.driven and not other.driven:
+        return [*result, _before_change(h, keys, scene, signatures, other, sample)]
     if h.has_free_onsets or len(keys) == len(known) == len(before) and len(
             signatures) == len(past.signatures):
         return result
@@ -116,6 +119,28 @@ def guesses_from(past, number, h, scene, signatures):
         {key: mean[axis] for key, axis in known.items()})
     free = [twin.keys[c] for c in free_columns(twin.parameters)]
     return [*result, _spread(keys, free, *told, _spread(keys, *law, kept))]
+
+
+def _before_change(h, keys, scene, signatures, other, sample):
+    """The law of the free parameters `keys` of a hypothesis whose states are driven
+    differently from some sample on: what the record up to there tells another, which
+    has no such change.
+    """
+    change = change_of_drive(
+        h.driven.effect, scene, other, signatures,
+        sample.theta[sample.log_likelihood[:, 0].argmax()])
+    early = slice(change.onset)
+    cut, part = [s._replace(columns=s.columns[early]) for s in signatures], scene.cut(
+        early)
+    free = [other.keys[c] for c in free_columns(other.parameters)]
+    told = integrate(
+        lambda theta: log_likelihoods(other, part, cut, theta)[:, None],
+        other.parameters, effort=effort(scene)).law if free else (
+        np.zeros(0), np.zeros((0, 0)))
+    ratio, x = (h.driven.key, "ratio"), ndtri(change.quantile)
+    near = np.array([x]), np.array([[np.exp(x * x) * 2.0 * np.pi / STRENGTHS**2]])
+    return _spread(keys, free, *told, _spread(keys, [ratio], *near)
+                   if ratio in keys else None)
 
 
 def _spread(keys, own, mean, cov, rest=None):

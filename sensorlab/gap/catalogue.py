@@ -223,6 +223,16 @@ def _noise_step(scene, filt, onset, ratio):
         np.arange(len(scene.y)) < first, 1.0, ratio))
 
 
+def _drive(scene, onset, ratio):
+    return np.searchsorted(scene.time, onset), ratio
+
+
+def _walk_step(scene, filt, onset, ratio):
+    first, ratio = _drive(scene, onset, ratio)
+    return filt._replace(Gamma=filt.Gamma * np.where(
+        np.arange(len(scene.y)) < first, 1.0, ratio)[..., None, None])
+
+
 def _rounding(scene, filt, lsb):
     """What rounding adds to the white noise."""
     return filt._replace(Psi=np.sqrt(filt.Psi**2 + lsb**2 / 12.0))
@@ -516,6 +526,13 @@ CATALOGUE = {effect.name: effect for effect in (
                     "on; onset in s",
            resembles="outliers in clusters",
            experiment="look for what was switched on at the onset"),
+    Effect("walk_step", model=_walk_step, drive=_drive, elementwise=True,
+           search="onset",
+           parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 1.0 / 30.0, 30.0)),
+           equation="the noise that drives the random walk, or the Markov process, "
+                    "becomes ratio times as strong from t = onset on; onset in s",
+           resembles="random telegraph, bias step, correlated noise",
+           experiment="look for what was switched on at the onset; record longer"),
     Effect("outliers", jumps=_outliers,
            parameters=lambda s: (_log("rate", 1.0 / len(s.y), 0.1),
                                  _log("sigma", 2.0 * s.white, 300.0 * s.white)),

@@ -13,7 +13,8 @@ from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.filters import predict, solve
 from sensorlab.gap.readings import as_read
-from sensorlab.gap.screens import FEW, screened, usual_variance
+from sensorlab.gap.screens import (
+    FEW, LITTLE, change_of_drive, screened, usual_variance)
 from sensorlab.gap.signatures import families
 from sensorlab.gap.spectra import promise
 
@@ -175,12 +176,14 @@ def _with_filters(scene, plain, acc, reference, effects, processes, best):
         inside = effect.jumps or processes and effect.model and not effect.reading
         if not inside or not _has_room(effect, acc):
             continue
-        about = screened(effect, scene, z, variance)
-        if about < FEW:
+        start, at = (acc, scene) if effect.jumps else (reference, plain)
+        about = change_of_drive(
+            effect, at, start.member, acc.signatures, start.theta
+        ).about if effect.drive else screened(effect, scene, z, variance)
+        if about < (LITTLE if effect.drive else FEW):
             yield _Rival(effect, "", about)
             continue
         say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
-        start, at = (acc, scene) if effect.jumps else (reference, plain)
         for variant in effect.variants or ("",):
             richer = [h.with_effect(effect, variant) for h in start.hypotheses]
             if effect.search in ("band", "spectrum"):
@@ -362,9 +365,13 @@ def _has_room(effect, acc):
             one.name == effect.name for one in acc.member.effects) or any(
             effect.name == h.hypothesis.model.__name__ for h in acc.hypotheses):
         return False
+    if effect.search == "onset" and acc.member.onsets:    # one change of noise
+        return False
     richer = [h.with_effect(effect) for h in acc.hypotheses]
-    return max(len(h.filter(h.scene.dt, np.array([p.mean for p in h.parameters])).m0)
-               for h in richer) <= MOST_STATES
+    filters = [h.filter(h.scene.dt, np.array([p.mean for p in h.parameters]))
+               for h in richer]
+    return max(len(f.m0) for f in filters) <= MOST_STATES and (
+        not effect.drive or any(f.Gamma.any() for f in filters))
 
 
 def _with_wrong_parameters(scene, acc, effect):

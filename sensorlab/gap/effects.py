@@ -58,8 +58,9 @@ def nothing(scene):
 class Effect(NamedTuple):
     """An effect that a simulator may lack; a user's own is another of these.
 
-    What it does is said by the field that is given: `columns`, `model`, `jumps`,
-    `reading` (with a `model`, if filters see some of it as noise) or `factor`.
+    What it does is said by the field that is given: `columns`, `model`, `drive` (with a
+    `model` that says the same), `jumps`, `reading` (with a `model`, if filters see some
+    of it as noise) or `factor`.
     """
 
     name: str
@@ -71,6 +72,9 @@ class Effect(NamedTuple):
                                 # takes the variant, where there are variants
     variants: tuple = ()        # forms of a model; "" is the first
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
+    drive: Callable = None      # (scene, **parameters) -> sample from which on what
+                                # drives the hypothesis's states is so many times as
+                                # strong, and how many; the model says the same
     jumps: Callable = None      # (dt, **parameters) -> Jumps
     reading: Callable = None    # (scene, y, **values) alters values y (..., N) in place
     factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
@@ -189,14 +193,27 @@ class Member(NamedTuple):
                                            self.hypothesis.parameters])
         values = [{symbol: next(theta) for symbol in one.values}
                   for one in self.effects]
-        # what alters the values comes after all that makes them: a low-pass of the
-        # sensor does not smooth the rounding
-        for one, own in sorted(zip(self.effects, values),
-                               key=lambda pair: bool(pair[0].effect.reading)):
+        # what drives the hypothesis's own states comes first; what alters the values
+        # after all that makes them: a low-pass of the sensor does not smooth rounding
+        for one, own in sorted(zip(self.effects, values), key=lambda pair: (
+                not pair[0].effect.drive, bool(pair[0].effect.reading))):
             if one.effect.model:
                 form = dict(variant=one.variant) if one.effect.variants else {}
                 filt = one.effect.model(self.scene, filt, **form, **own)
         return filt
+
+    @property
+    def driven(self):
+        """The effect that changes the noise of its states, or None."""
+        return next((one for one in self.effects if one.effect.drive), None)
+
+    def evenly_driven(self, theta):
+        """The same without a change of the noise of its states, and theta (M, p)."""
+        if self.driven is None:
+            return self, theta
+        less = self._replace(effects=tuple(
+            one for one in self.effects if one is not self.driven))
+        return less, theta[:, [self.keys.index(key) for key in less.keys]]
 
     @property
     def elementwise(self):

@@ -18,7 +18,7 @@ from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tem
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import with_constants
 from sensorlab.gap.kernels import (
-    ABREAST, KERNEL, groups, in_threads, load, predict_covariance, predict_state,
+    ABREAST, KERNEL, drive, groups, in_threads, load, predict_covariance, predict_state,
     update_covariance, update_state)
 
 
@@ -404,10 +404,12 @@ def _draw_onset_groups(first, last, y, H, own, pair, early, late, u, least, most
         f, nu = np.empty(ABREAST), np.empty(ABREAST)
         noise, former, log_f = np.ones(ABREAST), np.zeros(ABREAST), np.zeros(ABREAST)
         weight, gain = np.empty(ABREAST), np.empty(ABREAST)
-        odds = np.zeros((N, ABREAST))
+        odds, at_once = np.zeros((N, ABREAST)), np.zeros(M, np.int64)
         for changed in range(2):
             x[:] = 0.0
             load(own, pair, node, parts, P)
+            if changed:
+                drive(own, node, at_once, 0, parts)
             for g in range(ABREAST):
                 noise[g] = late[node[g]] if changed else early[node[g]]
             for i in range(N):

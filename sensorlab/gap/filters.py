@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from sensorid import LOG_2PI, Bank, Modes, bank, brief, filter_bank, modes
+from sensorid import LOG_2PI, Bank, Modes, Sums, bank, brief, filter_bank, modes
 from sensorlab.gap.effects import Found
 from sensorlab.gap.kernels import (
     adjoint, mixture_filters, plain_filters, row_products)
@@ -39,9 +39,47 @@ class Predicted(NamedTuple):
 
 def processes(h, scene, theta):
     """The one-state processes that a hypothesis is the sum of at theta (M, p), or that
-    have the covariance of such a sum.
+    have the covariance of such a sum; driven as on average over the record.
     """
-    return _modes_of(h, bank(h, scene.dt, theta))
+    b, change = _bank(h, scene, theta), _change(h, scene, theta)
+    if change:
+        early = change.first / len(scene.y)
+        b = _driven(b, change._replace(factor=early + (1.0 - early) * change.factor))
+    return _modes_of(h, b)
+
+
+def _bank(h, scene, theta):
+    """`Bank` of a hypothesis at theta (M, p), its states driven evenly."""
+    even, theta = h.evenly_driven(theta)
+    return bank(even, scene.dt, theta)
+
+
+class Change(NamedTuple):
+    """The first states, so many, are driven differently from a sample on, at M nodes.
+    """
+
+    states: int
+    first: np.ndarray     # (M,) that sample
+    factor: np.ndarray    # (M,) of the variances of their noises
+
+
+def _change(h, scene, theta):
+    """`Change` of a hypothesis at theta (M, p), or None."""
+    if not h.driven:
+        return None
+    first, ratio = h.driven.effect.drive(scene, **h.of(h.driven, theta))
+    filt = h.hypothesis.filter(scene.dt, [p.mean for p in h.hypothesis.parameters])
+    return Change(len(filt.m0), first, ratio**2)
+
+
+def _driven(b, change):
+    """A bank whose first states are driven as after a `Change` for good."""
+    own, factor = np.s_[..., :change.states, :change.states], change.factor[
+        :, None, None]
+    Q, P0 = b.Q.copy(), b.P0.copy()
+    Q[own] *= factor[..., None]
+    P0[own] *= factor
+    return b._replace(Q=Q, P0=P0)
 
 
 def _modes_of(h, b):
@@ -99,12 +137,14 @@ def constants(h, signatures):
 class Parts(NamedTuple):
     """Filters that fall apart into processes of one state and of two, at M nodes."""
 
-    own: np.ndarray     # (6, M, n) factors of a state and of the other one of its pair,
+    own: np.ndarray     # (8, M, n) factors of a state and of the other one of its pair,
                         # variances of the noises and their covariances with that of
-                        # the other, and both at first
+                        # the other, both of the states at first, and those of the
+                        # noises from a later sample on
     pair: np.ndarray    # (n,) number of the other state, or its own
     h: np.ndarray       # (n,) what observes the states
     r: np.ndarray       # (M, 1 or N) variance of the white noise
+    later: np.ndarray = np.zeros(0, int)    # (M,) that sample; (0,) where none changes
 
     __repr__ = brief
 
@@ -121,17 +161,28 @@ def parts_of(h, b):
     beside = (pair != np.arange(n)) * 1.0
     own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
            for part in (m[:, range(n), range(n)], m[:, range(n), pair] * beside)]
-    return Parts(np.array(own), pair, b.H[0, 0], b.r)
+    return Parts(np.array([*own, *own[2:4]]), pair, b.H[0, 0], b.r)
+
+
+def _parts_at(h, scene, theta, b):
+    """`Parts` of a hypothesis at theta (M, p), whose bank is b; with a change of the
+    noise of its own states.
+    """
+    one, change = parts_of(h, b), _change(h, scene, theta)
+    if not change:
+        return one
+    one.own[6:, :, :change.states] *= change.factor[:, None]
+    return one._replace(later=change.first)
 
 
 def with_constants(h, scene, signatures, theta):
     """`Parts` with the bias and the sizes of signatures as further processes, and what
     observes them, (N, n).
     """
-    one = parts_of(h, bank(h, scene.dt, theta))
+    one = _parts_at(h, scene, theta, _bank(h, scene, theta))
     variance = constants(h, signatures)
     k, n = len(variance), len(one.pair)
-    more = np.zeros((6, len(theta), k))
+    more = np.zeros((8, len(theta), k))
     more[0], more[4] = 1.0, variance
     H = np.column_stack([np.tile(np.append(one.h, 1.0), (len(scene.y), 1)),
                          *(s.columns for s in signatures)])
@@ -156,8 +207,9 @@ def _is_plain(h, y):
 
 def _through_mixtures(h, own, H, theta, y, out):
     jumps = h.jumps(theta)
-    return mixture_filters(y, H, own.own, own.pair, own.r, np.column_stack(jumps[:2]),
-                           np.column_stack(jumps[2:]), out)
+    return mixture_filters(
+        y, H, own.own, own.pair, own.later, own.r, np.column_stack(jumps[:2]),
+        np.column_stack(jumps[2:]), out)
 
 
 def predict(h, scene, signatures, theta, y=None):
@@ -167,7 +219,7 @@ def predict(h, scene, signatures, theta, y=None):
     (R, N), M = y.shape, len(theta)
     if _is_plain(h, y):
         z, log_f = np.empty((R, M, N)), np.empty((M, N))
-        plain_filters(y, H, own.own, own.pair, own.r, z, log_f)
+        plain_filters(y, H, own.own, own.pair, own.later, own.r, z, log_f)
         log_score = z * z
         log_score += log_f + LOG_2PI
         log_score *= -0.5
@@ -196,8 +248,10 @@ def normal_score(below, above):
 
 def log_likelihoods(h, scene, signatures, theta):
     """ln f(Y / theta) (M,): through the bank, unless there are jumps."""
-    if h.has_jumps:
-        return filtered(h, scene, signatures, theta, scene.y[None])[0]
+    if h.has_jumps or h.driven:    # there the nodes are abreast
+        own, H = with_constants(h, scene, signatures, theta)
+        return _through_mixtures(h, own, H, theta, scene.y[None], np.empty(
+            (1, len(theta), 0, len(scene.y))))[0]
     return estimated(h, scene, signatures, theta).log_likelihood[0]
 
 
@@ -256,7 +310,8 @@ def products(h, scene, y, columns, theta):
     R, c = len(y), len(columns)
     pairs = [(i, j) for i in range(R, R + c) for j in range(i)]
     rows[:, np.isnan(y[0])] = np.nan
-    sums = next(filter_bank(bank(h, scene.dt, theta), rows, [len(scene.y)], pairs))
+    b = _bank(h, scene, theta)
+    sums = summed(b, _parts_at(h, scene, theta, b), rows, pairs)
     result = np.empty((R, len(theta), c + 2, c + 2))
     result[..., -1, -1] = sums.information
     # a record is in the first place of its own products, a column in those of all
@@ -275,6 +330,31 @@ def products(h, scene, y, columns, theta):
     return Gram(sums.count, sums.log_det, result)
 
 
+def summed(b, parts, rows, pairs=()):
+    """`Sums` of rows (C, N) under the filters of a bank, as `filter_bank` gives them,
+    with the change of the noise of states that `Parts` know.
+    """
+    if not len(parts.later):
+        return next(filter_bank(b, rows, [rows.shape[1]], pairs))
+    (C, N), M = rows.shape, len(parts.r)
+    gap, H = np.isnan(rows[0]), np.tile(parts.h, (rows.shape[1], 1))
+    rows = np.vstack([rows, np.where(gap, np.nan, 1.0)])
+    score, log_f = np.empty((C + 1, 1, N)), np.empty((1, N))
+    result = Sums(N - gap.sum(), *np.empty((2, C, M)), *np.empty((2, M)),
+                  np.empty((len(pairs), M)))
+    for k in range(M):
+        node = slice(k, k + 1)
+        plain_filters(rows, H, parts.own[:, node], parts.pair, parts.later[node],
+                      parts.r[node], score, log_f)
+        z = np.where(gap, 0.0, score[:, 0])
+        result.chi2[:, k] = (z[:-1]**2).sum(1)
+        result.score[:, k] = z[:-1] @ z[-1]
+        result.information[k] = z[-1] @ z[-1]
+        result.log_det[k] = log_f[0, ~gap].sum()
+        result.products[:, k] = [z[i] @ z[j] for i, j in pairs]
+    return result
+
+
 class Solved(NamedTuple):
     """What all signatures need of a record: C^-1 (y - fit) at M nodes."""
 
@@ -284,8 +364,9 @@ class Solved(NamedTuple):
     cov: np.ndarray        # (M, c, c) of their sizes
     steps: np.ndarray      # (M, N)
     size: np.ndarray       # (M, c) sizes of the columns known already
-    own: Modes             # of the hypothesis
-    bank: Bank
+    spectra: tuple         # pairs of a share of the record, (M,), and the `Modes` there
+    bank: Bank             # of the hypothesis, its states driven evenly
+    parts: Parts
 
     __repr__ = brief
 
@@ -295,12 +376,21 @@ def solve(h, scene, signatures, theta):
     y = np.where(np.isnan(scene.y), 0.0, scene.y)
     observed = 1.0 - np.isnan(scene.y)
     X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
-    b = bank(h, scene.dt, theta)
-    one = parts_of(h, b)
-    w, steps, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.r)
+    b = _bank(h, scene, theta)
+    one = _parts_at(h, scene, theta, b)
+    w, steps, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.later, one.r)
     M, c, N = w.shape
     gram = row_products(w.reshape(-1, N), X).reshape(M, c, c)
     known = marginal(gram, log_det, observed.sum(), constants(h, signatures))
     residual = w[:, 0] - np.einsum("mj,mji->mi", known.size, w[:, 1:])
     return Solved(known.log_likelihood, residual, w[:, 1:], known.covariance, steps,
-                  known.size, _modes_of(h, b), b)
+                  known.size, _spectra(h, scene, theta, b), b, one)
+
+
+def _spectra(h, scene, theta, b):
+    """Shares of the record, (M,), and the `Modes` of a hypothesis there."""
+    change = _change(h, scene, theta)
+    if not change:
+        return (np.ones(len(theta)), _modes_of(h, b)),
+    early = change.first / len(scene.y)
+    return (early, _modes_of(h, b)), (1.0 - early, _modes_of(h, _driven(b, change)))

@@ -5,11 +5,12 @@ ABREAST nodes, or pairs of a record and a node, lie side by side in the last axi
 arrays. Inner loops take its length from an array: one over 16 lanes that are known to
 be 16 would be unrolled, not vectorised. The steps that every such
 recursion takes stand first, once for all of them; h (n,) observes the states; of a
-covariance the lower half is kept. A state is six numbers, as `filters.Parts` has them:
-its factor a, and b of the other state of its pair; variance q of its noise, and
-covariance c with that of the other; both at first. pair (n,) is the number of the other
-state, or its own. (The bank of `sensorid` writes its own steps out: built of these it
-takes twice as long, see tests/bench_gap.py.)
+covariance the lower half is kept. A state is eight numbers, as `filters.Parts` has
+them: its factor a, and b of the other state of its pair; variance q of its noise, and
+covariance c with that of the other; both of the state at first; q and c from a sample
+`later` on. pair (n,) is the number of the other state, or its own. (The bank of
+`sensorid` writes its own steps out: built of these it takes twice as long, see
+tests/bench_gap.py.)
 
 Kernels do the groups first ... last - 1 and are called through `in_threads`: a parallel
 loop of Numba is compiled twice, which a first call would wait for, and its threads spin
@@ -118,8 +119,8 @@ def turn_covariance(a, b, pair, P):
 
 @njit(**JIT)
 def load(own, pair, node, parts, P):
-    """The numbers of the nodes (ABREAST,) of all lanes, parts (6, n, ABREAST), and the
-    covariance P (n, n, ABREAST) at first.
+    """The first numbers of the nodes (ABREAST,) of all lanes, parts (6, n, ABREAST),
+    and the covariance P (n, n, ABREAST) at first.
     """
     n = own.shape[2]
     for s in range(n):
@@ -132,6 +133,16 @@ def load(own, pair, node, parts, P):
             P[s, s, g] = parts[4, s, g]
             if pair[s] != s:
                 P[s, pair[s], g] = parts[5, s, g]
+
+
+@njit(**JIT)
+def drive(own, node, later, i, parts):
+    """The noises of the states of all lanes at sample i, which change at `later` (M,).
+    """
+    for s in range(own.shape[2]):
+        for g in range(ABREAST):
+            k = 6 if i >= later[node[g]] else 2
+            parts[2, s, g], parts[3, s, g] = own[k, node[g], s], own[k + 1, node[g], s]
 
 
 @njit(**JIT)
@@ -189,19 +200,20 @@ def update_state(x, Ph, gain):
             x[s, g] += Ph[s, g] * gain[g]
 
 
-def plain_filters(y, H, own, pair, r, z, log_f):
+def plain_filters(y, H, own, pair, later, r, z, log_f):
     """Normal scores z (R, M, N) of records with the same gaps under filters without
     jumps, and logarithms log_f (M, N) of the variances that they are over, in place.
 
-    y (R, N); H (N, n) observes n states; own (6, M, n), pair (n,) and r (M, 1 or N) are
-    the parts of `filters.Parts`. The covariance of a node serves all records.
+    y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), later (M or 0,) and
+    r (M, 1 or N) are the parts of `filters.Parts`. The covariance of a node serves all
+    records.
     """
-    in_threads(_filter_records, groups(len(y)) * own.shape[1], y, H, own, pair, r, z,
-               log_f)
+    in_threads(_filter_records, groups(len(y)) * own.shape[1], y, H, own, pair, later,
+               r, z, log_f)
 
 
 @njit(**KERNEL)
-def _filter_records(first, last, y, H, own, pair, r, z, log_f):
+def _filter_records(first, last, y, H, own, pair, later, r, z, log_f):
     """Pairs of a group of records and a node, of `plain_filters`."""
     R, N = y.shape
     M, n = own.shape[1:]
@@ -222,6 +234,8 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f):
                 lanes_a[s, g], lanes_b[s, g] = a[s], b[s]
         for i in range(N):
             f, seen = r[node, min(i, r.shape[1] - 1)], not np.isnan(y[begin, i])
+            if len(later) and i == later[node]:
+                q, c = own[6, node], own[7, node]
             turn_covariance(alone_a, alone_b, pair, alone_P)
             turn(lanes_a, lanes_b, pair, x)
             for s in range(n):
@@ -252,10 +266,10 @@ def _filter_records(first, last, y, H, own, pair, r, z, log_f):
                 z[begin + g, node, i] = nu[g] * per_sigma
 
 
-def mixture_filters(y, H, own, pair, r, outlier, jump, out):
+def mixture_filters(y, H, own, pair, later, r, outlier, jump, out):
     """Log-likelihoods (R, M) of records under filters with outliers and two levels.
 
-    y (R, N), H, own, pair and r as for `plain_filters`; outlier (M, 2) = rate,
+    y (R, N), H, own, pair, later and r as for `plain_filters`; outlier (M, 2) = rate,
     variance; jump (M, 2) = probability of a change of level, half the distance of the
     levels (0: one level). out (R, M, 4 or 0, N) gets of every sample the predictive
     probabilities below and above it, that of its being an outlier, and its log density;
@@ -267,14 +281,14 @@ def mixture_filters(y, H, own, pair, r, outlier, jump, out):
     total = np.empty((len(y), own.shape[1]))
     levels = 2 if jump[:, 1].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
-    in_threads(_filter_mixtures, groups(total.size), levels, kinds, y, H, own, pair, r,
-               outlier, jump, out, total)
+    in_threads(_filter_mixtures, groups(total.size), levels, kinds, y, H, own, pair,
+               later, r, outlier, jump, out, total)
     return total
 
 
 @njit(**KERNEL)
-def _filter_mixtures(first, last, levels, kinds, y, H, own, pair, r, outlier, jump,
-                     out, total):
+def _filter_mixtures(first, last, levels, kinds, y, H, own, pair, later, r, outlier,
+                     jump, out, total):
     """Groups of `mixture_filters`."""
     N, rows = y.shape[1], out.shape[2]
     M, n = own.shape[1:]
@@ -304,6 +318,8 @@ def _filter_mixtures(first, last, levels, kinds, y, H, own, pair, r, outlier, ju
         for level in range(levels):
             load(own, pair, node, parts, P[level])
         for i in range(N):
+            if len(later):
+                drive(own, node, later, i, parts)
             if levels == 2:
                 _mix_levels(change, weight, prior, share, apart, x, P)
             for g in range(len(f)):
@@ -411,18 +427,18 @@ def _sample_law(g, rate, prior, weight, wild, per_f, nu):
     return below, above, odd
 
 
-def adjoint(y, observed, h, own, pair, r):
+def adjoint(y, observed, h, own, pair, later, r):
     """C^-1 y of every column, and s' C^-1 s of a step s at every sample.
 
-    y (C, N); h (n,) observes the states; own, pair and r as for `plain_filters`.
+    y (C, N); h (n,) observes the states; own, pair, later and r as for `plain_filters`.
     Returns w (M, C, N), steps (M, N) and log_det (M,): P. De Jong, J. Penzer,
     "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93, 1998, with the output
     shifted for good as the shock.
     """
     M = own.shape[1]
     w, steps, log_det = np.empty((M, *y.shape)), np.empty((M, y.shape[1])), np.empty(M)
-    in_threads(_go_there_and_back, groups(M), y, observed, h, own, pair, r, w, steps,
-               log_det)
+    in_threads(_go_there_and_back, groups(M), y, observed, h, own, pair, later, r, w,
+               steps, log_det)
     return w, steps, log_det
 
 
@@ -430,7 +446,8 @@ STRETCH = 1024    # samples of the way there that are kept for the way back
 
 
 @njit(**KERNEL)
-def _go_there_and_back(first, last, y, observed, h, own, pair, r, w, steps, log_det):
+def _go_there_and_back(first, last, y, observed, h, own, pair, later, r, w, steps,
+                       log_det):
     """Groups of `adjoint`. The way there is gone twice: once to its end, and again from
     where each stretch begins, before that stretch is gone back.
     """
@@ -468,7 +485,7 @@ def _go_there_and_back(first, last, y, observed, h, own, pair, r, w, steps, log_
                 for g in range(ABREAST):
                     noise[i, g] = r[node[g], min(begin + i, r.shape[1] - 1)]
             _go_there(y[:, begin:begin + count], observed[begin:begin + count], noise,
-                      h, parts, pair, P, x, K, weight, gain)
+                      h, own, node, later, begin, parts, pair, P, x, K, weight, gain)
             _without_dust(x)
             if there:
                 for i in range(count):
@@ -509,14 +526,17 @@ def _without_dust(x):
 
 
 @njit(**JIT)
-def _go_there(y, observed, noise, h, parts, pair, P, x, K, weight, gain):
-    """A stretch of the way there of `adjoint`: K = Phi P h / f, weight 1 / f, 0 where
-    nothing is seen, and gain nu / f of every sample; noise (., lanes) becomes f, 1
-    where nothing is seen.
+def _go_there(y, observed, noise, h, own, node, later, begin, parts, pair, P, x, K,
+              weight, gain):
+    """A stretch of the way there of `adjoint` from the sample `begin` on: K = Phi P h
+    / f, weight 1 / f, 0 where nothing is seen, and gain nu / f of every sample; noise
+    (., lanes) becomes f, 1 where nothing is seen.
     """
     (C, N), n = y.shape, len(h)
     Ph, nu = np.empty((n, ABREAST)), np.empty(ABREAST)
     for i in range(N):
+        if len(later):
+            drive(own, node, later, begin + i, parts)
         predict_covariance(parts, pair, h, P, Ph, noise[i])
         for g in range(len(nu)):
             weight[i, g] = observed[i] / noise[i, g]

@@ -50,8 +50,8 @@ def _step_sizes(first, last, residual, w, cov, steps, size, information):
 
 @njit(**KERNEL)
 def _line_information(first, last, turn, count, a, q, r, J):
-    """Information (M, m) of sinusoids: count / 2 over the spectrum of the model,
-    averaged over the two levels that its white noise r (M, 1 or N) may have.
+    """Information (M, m) of sinusoids added to J: count / 2 over the spectrum of the
+    model, averaged over the two levels that its white noise r (M, 1 or N) may have.
 
     turn (m,) = |1 - exp(-i w)|^2.
     """
@@ -60,7 +60,8 @@ def _line_information(first, last, turn, count, a, q, r, J):
         share = (r[node].mean() - low) / (high - low) if high != low else 0.0
         for j in range(len(turn)):
             S = spectrum(a[node], q[node], turn[j])
-            J[node, j] = 0.5 * count * ((1.0 - share) / (S + low) + share / (S + high))
+            J[node, j] += 0.5 * count * (
+                (1.0 - share) / (S + low) + share / (S + high))
 
 
 PADDING = 4    # frequencies per 1 / T
@@ -92,10 +93,11 @@ def _frequency_scores(scene, family, solved):
         square = line[:, fast].real**2
         square += line[:, fast].imag**2
         del line
-        spectral = np.empty_like(square)
-        _line_information(0, 1, turn, count, *(
-            np.ascontiguousarray(part[k:k + 1])
-            for part in (solved.own.a, solved.own.q, solved.own.r)), spectral)
+        spectral = np.zeros_like(square)
+        for share, own in solved.spectra:
+            _line_information(0, 1, turn, share[k] * count, *(
+                np.ascontiguousarray(part[k:k + 1])
+                for part in (own.a, own.q, own.r)), spectral)
         below = least_squares(frequency[slow], number, J[k:k + 1])
         if gains_alone:
             square /= spectral

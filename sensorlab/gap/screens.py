@@ -2,14 +2,18 @@
 noise. Where they see nothing, the filters that would tell exactly need not run.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import LOG_2PI
+from sensorlab.gap.filters import predict
 
 FEW = -2.0        # ln B below which a screen has the last word
 ONSETS = 2048     # at most, that are tried
 RATIOS = 33       # values of a parameter that are tried
+STRENGTHS = 13    # of the noise of states, that are tried
 NORMAL_MEDIAN = 0.6745    # of |z|
 SCALES = np.geomspace(0.5, 1.05, 25)    # of the other samples, where some are outliers
 
@@ -69,6 +73,46 @@ def _outliers(scene, values, z, variance):
         best = np.maximum(best, np.log(law + 1e-300) @ count)
     scale = np.sqrt(square @ count / count.sum())
     return best - count @ (-0.5 * square / scale**2 - np.log(scale))
+
+
+LITTLE = 1.0    # ln B by a screen of a change of drive, below which its filters, which
+                # take long, need not run: others have more
+
+
+class Change(NamedTuple):
+    """What a screen tells of a change of the noise of a hypothesis's states."""
+
+    about: float       # ln B
+    onset: int         # likeliest sample
+    quantile: float    # of the prior, of the likeliest ratio
+
+
+def change_of_drive(effect, scene, member, signatures, theta):
+    """`Change` by an effect, at theta (p,), from the scores of filters with that noise
+    this strong or that from the first sample to the last.
+    """
+    onset, ratio = effect.parameters(scene)
+    first, last = np.searchsorted(scene.time, [onset.low, onset.high])
+    at = np.unique(np.linspace(first, last, ONSETS).astype(int))
+    h = member.with_effect(effect)
+    early, whole = [], []
+    for strength in ratio.quantile((np.arange(STRENGTHS) + 0.5) / STRENGTHS):
+        score = predict(h, scene, signatures, np.append(
+            theta, [onset.low, strength])[None]).log_score[0, 0]
+        so_far = np.append(0.0, np.cumsum(np.nan_to_num(score)))
+        early.append(so_far[at])
+        whole.append(so_far[-1])
+    early, whole = np.array(early), np.array(whole)
+    late = whole[:, None] - early
+    steps = np.arange(1 - STRENGTHS, STRENGTHS)
+    gain = np.array([np.max([early[k] + late[k + more] for k in range(STRENGTHS)
+                             if 0 <= k + more < STRENGTHS], axis=0)
+                     for more in steps]) - whole.max()
+    more, onset = np.unravel_index(gain.argmax(), gain.shape)
+    return Change(
+        float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0)),
+        int(at[onset]), float(np.clip(0.5 + steps[more] / STRENGTHS, 0.5 / STRENGTHS,
+                                      1.0 - 0.5 / STRENGTHS)))
 
 
 def law_of_outliers(scene, effect, z, variance):

@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from sensorid import JIT, LANES, brief, filter_bank
+from sensorid import JIT, LANES, brief
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import BLOCK, Effect
+from sensorlab.gap.filters import summed
 from sensorlab.gap.kernels import KERNEL, in_threads, row_products
 
 # ---- Bayes factor of a size
@@ -200,9 +201,9 @@ def information(scene, columns, solved):
     """Information (M, m, k, k) of signatures (m, k, N) beside the known columns."""
     m, k, N = columns.shape
     rows, gap = columns.reshape(-1, N), np.isnan(scene.y)
-    sums = next(filter_bank(
-        solved.bank, np.where(gap, np.nan, rows) if gap.any() else rows, [N],
-        [(i, i + 1) for i in range(0, m * k, 2)] if k == 2 else ()))
+    sums = summed(
+        solved.bank, solved.parts, np.where(gap, np.nan, rows) if gap.any() else rows,
+        [(i, i + 1) for i in range(0, m * k, 2)] if k == 2 else ())
     squares = np.empty((len(solved.base), m, k, k))
     for i in range(k):
         squares[..., i, i] = sums.chi2[i:m * k:k].T

@@ -24,6 +24,7 @@ PHRASES = dict(
     random_walk="a random walk", correlated_noise="correlated noise",
     bias_instability="bias instability (flicker noise)",
     bandwidth="a limited bandwidth", noise_step="a change of the noise",
+    walk_step="a change of what drives the random walk",
     outliers="outliers", random_telegraph="random telegraph noise",
     quantization="quantization", saturation="saturation", stuck="stuck samples",
     wrong_parameter="the right value of a parameter",
