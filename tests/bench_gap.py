@@ -15,7 +15,7 @@ import sensorid as s
 from sensorlab import Scene
 from sensorlab.gap import evidence, filters
 from sensorlab.gap.kernels import (
-    ABREAST, KERNEL, groups, in_threads, load, predict_covariance, predict_state,
+    KERNEL, LANES, groups, in_threads, load, predict_covariance, predict_state,
     update_covariance, update_state)
 
 SCENE = Scene(s.simulate(MODEL[:1], DT, 20000, seed=2).error[0], DT, {})
@@ -33,34 +33,34 @@ def bank_of_steps(first, last, y, h, own, pair, r, sums):
     """chi2 and log_det (2, M) of a record without gaps and bias."""
     M, n = own.shape[1:]
     for group in range(first, last):
-        node = np.minimum(group * ABREAST + np.arange(ABREAST), M - 1)
-        parts = np.empty((6, n, ABREAST))
-        P, x = np.empty((n, n, ABREAST)), np.zeros((n, ABREAST))
-        Ph, f, nu = np.empty((n, ABREAST)), np.empty(ABREAST), np.empty(ABREAST)
-        weight, gain = np.empty(ABREAST), np.empty(ABREAST)
-        chi2, log_det = np.zeros(ABREAST), np.zeros(ABREAST)
+        node = np.minimum(group * LANES + np.arange(LANES), M - 1)
+        parts = np.empty((6, n, LANES))
+        P, x = np.empty((n, n, LANES)), np.zeros((n, LANES))
+        Ph, f, nu = np.empty((n, LANES)), np.empty(LANES), np.empty(LANES)
+        weight, gain = np.empty(LANES), np.empty(LANES)
+        chi2, log_det = np.zeros(LANES), np.zeros(LANES)
         load(own, pair, node, parts, P)
         for i in range(len(y)):
-            for g in range(ABREAST):
-                f[g], nu[g] = r[min(group * ABREAST + g, M - 1)], y[i]
+            for g in range(LANES):
+                f[g], nu[g] = r[min(group * LANES + g, M - 1)], y[i]
             predict_covariance(parts, pair, h, P, Ph, f)
             predict_state(parts, pair, h, x, nu)
-            for g in range(ABREAST):
+            for g in range(LANES):
                 weight[g] = 1.0 / f[g]
                 gain[g] = nu[g] * weight[g]
                 chi2[g] += nu[g] * gain[g]
                 log_det[g] += np.log(f[g])
             update_state(x, Ph, gain)
             update_covariance(P, Ph, weight)
-        for g in range(min(ABREAST, M - group * ABREAST)):
-            sums[0, group * ABREAST + g] = chi2[g]
-            sums[1, group * ABREAST + g] = log_det[g]
+        for g in range(min(LANES, M - group * LANES)):
+            sums[0, group * LANES + g] = chi2[g]
+            sums[1, group * LANES + g] = log_det[g]
 
 
 def of_steps(b):
     one = filters.parts_of(None, b)
     sums = np.empty((2, len(b.r)))
-    in_threads(bank_of_steps, groups(len(b.r)), SCENE.y, one.h, one.own, one.pair,
+    in_threads(bank_of_steps, groups(len(b.r), LANES), SCENE.y, one.h, one.own, one.pair,
                one.r[:, 0].copy(), sums)
     return sums
 

@@ -224,3 +224,13 @@ def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
         assert_allclose(found.gain[0, onset - 1], (s @ inverse @ y)**2 / J, rtol=1e-7)
         assert_allclose(found.size[0, onset - 1], s @ inverse @ y / J, rtol=1e-7)
         assert_allclose(found.sd[0, onset - 1], J**-0.5, rtol=1e-7)
+
+
+def test_products_of_rows_do_not_depend_on_how_they_are_shared_out():
+    rng = np.random.default_rng(4)
+    rows, columns = rng.standard_normal((5, 5001)), rng.standard_normal((7, 5001))
+    whole = kernels.row_products(rows, columns)
+    assert_allclose(whole, rows @ columns.T, atol=1e-11)
+    one_by_one = [kernels.row_products(row[None], columns)[0] for row in rows]
+    assert_array_equal(whole, one_by_one)
+    assert_allclose(kernels.row_products(rows, columns[:2]), whole[:, :2], atol=1e-11)

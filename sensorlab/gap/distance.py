@@ -14,7 +14,7 @@ from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import (
     BLOCK, LONG_RECORD, Scene, Simulator, simulate_effects)
 from sensorlab.gap.filters import filtered, predict
-from sensorlab.gap.kernels import ABREAST, side_by_side
+from sensorlab.gap.kernels import LANES, side_by_side
 from sensorlab.gap.places import PLACES, Held, Statistics, probes, statistics
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
 
@@ -381,7 +381,7 @@ def _whitened_probes(acc, scene, y, late):
     listed, first, size = tuple(p[:3] for p in probes(late)), len(y) - len(late.y), (
         1e-3 * scene.white)
     white, every = np.empty((len(listed), len(late.y)), np.float32), probes(late)
-    abreast = int(np.clip(WIDE * BLOCK // len(y), 1, ABREAST))
+    abreast = int(np.clip(WIDE * BLOCK // len(y), 1, LANES))
     for begin in range(0, len(listed), abreast):
         probe = np.zeros((min(abreast, len(listed) - begin), len(y)))
         for row, (*_, f) in zip(probe, every):

@@ -18,8 +18,8 @@ from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tem
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import with_constants
 from sensorlab.gap.kernels import (
-    ABREAST, KERNEL, drive, groups, in_threads, load, predict_covariance, predict_state,
-    update_covariance, update_state)
+    KERNEL, LANES, MOST_LANES, drive, groups, in_threads, lanes_for, load,
+    predict_covariance, predict_state, update_covariance, update_state)
 
 
 class Sample(NamedTuple):
@@ -377,8 +377,7 @@ def _draw_onset(gain, peak, u):
 
 def draw_onsets(y, H, own, pair, early, late, u, least, most):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
-    the log of their density over that of a uniform law from least to most; ABREAST
-    nodes side by side.
+    the log of their density over that of a uniform law from least to most.
 
     The filter of the noise of variance early (M,) up to a sample and that of the noise
     of variance late (M,) from there on nearly give the likelihood of every onset at
@@ -386,40 +385,42 @@ def draw_onsets(y, H, own, pair, early, late, u, least, most):
     f changes, and what may be an outlier counts little.
     """
     onset, density = np.zeros((2, len(u)))
-    in_threads(_draw_onset_groups, groups(len(u)), y, H, own, pair, early, late, u,
-               least, most, onset, density)
+    # what a law needs is as long as the record
+    lanes = lanes_for(len(u), LANES if len(y) > LONG_RECORD else MOST_LANES)
+    in_threads(_draw_onset_groups, groups(len(u), lanes), lanes, y, H, own, pair, early,
+               late, u, least, most, onset, density)
     return onset, density
 
 
 @njit(**KERNEL)
-def _draw_onset_groups(first, last, y, H, own, pair, early, late, u, least, most, onset,
-                       density):
+def _draw_onset_groups(first, last, lanes, y, H, own, pair, early, late, u, least, most,
+                       onset, density):
     """Groups of `draw_onsets`."""
     (M, n), N = own.shape[1:], len(y)
     for group in range(first, last):
-        start, number = group * ABREAST, min(ABREAST, M - group * ABREAST)
-        node = np.minimum(start + np.arange(ABREAST), M - 1)
-        parts, P = np.empty((6, n, ABREAST)), np.empty((n, n, ABREAST))
-        x, Ph = np.empty((n, ABREAST)), np.empty((n, ABREAST))
-        f, nu = np.empty(ABREAST), np.empty(ABREAST)
-        noise, former, log_f = np.ones(ABREAST), np.zeros(ABREAST), np.zeros(ABREAST)
-        weight, gain = np.empty(ABREAST), np.empty(ABREAST)
-        odds, at_once = np.zeros((N, ABREAST)), np.zeros(M, np.int64)
+        start, number = group * lanes, min(lanes, M - group * lanes)
+        node = np.minimum(start + np.arange(lanes), M - 1)
+        parts, P = np.empty((6, n, lanes)), np.empty((n, n, lanes))
+        x, Ph = np.empty((n, lanes)), np.empty((n, lanes))
+        f, nu = np.empty(lanes), np.empty(lanes)
+        noise, former, log_f = np.ones(lanes), np.zeros(lanes), np.zeros(lanes)
+        weight, gain = np.empty(lanes), np.empty(lanes)
+        odds, at_once = np.zeros((N, lanes)), np.zeros(M, np.int64)
         for changed in range(2):
             x[:] = 0.0
             load(own, pair, node, parts, P)
             if changed:
                 drive(own, node, at_once, 0, parts)
-            for g in range(ABREAST):
+            for g in range(lanes):
                 noise[g] = late[node[g]] if changed else early[node[g]]
             for i in range(N):
-                for g in range(ABREAST):
+                for g in range(lanes):
                     f[g], nu[g] = noise[g], y[i]
                 predict_covariance(parts, pair, H[i], P, Ph, f)
                 predict_state(parts, pair, H[i], x, nu)
                 if np.isnan(y[i]):
                     continue
-                for g in range(ABREAST):
+                for g in range(lanes):
                     if abs(f[g] - former[g]) > 1e-6 * f[g]:
                         former[g], log_f[g] = f[g], np.log(f[g])
                     square = nu[g] * nu[g] / f[g]
@@ -429,13 +430,13 @@ def _draw_onset_groups(first, last, y, H, own, pair, early, late, u, least, most
                     gain[g] = nu[g] * weight[g]
                 update_state(x, Ph, gain)
                 update_covariance(P, Ph, weight)
-        peak = np.full(((most - least - 1) // ONSET_BIN + 1, ABREAST), -np.inf)
+        peak = np.full(((most - least - 1) // ONSET_BIN + 1, lanes), -np.inf)
         for i in range(1, most):
-            for g in range(ABREAST):
+            for g in range(lanes):
                 odds[i, g] += odds[i - 1, g]
         for i in range(least, most):
             at = (i - least) // ONSET_BIN
-            for g in range(ABREAST):
+            for g in range(lanes):
                 peak[at, g] = max(peak[at, g], odds[i, g])
         for g in range(number):
             onset[start + g], density[start + g] = _draw_onset(

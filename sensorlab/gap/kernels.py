@@ -1,14 +1,14 @@
 """Kernels of the gap: recursions of sums of processes of one state or two, side by
 side.
 
-ABREAST nodes, or pairs of a record and a node, lie side by side in the last axis of all
-arrays. Inner loops take its length from an array: one over 16 lanes that are known to
-be 16 would be unrolled, not vectorised. The steps that every such
-recursion takes stand first, once for all of them; h (n,) observes the states; of a
-covariance the lower half is kept. A state is eight numbers, as `filters.Parts` has
-them: its factor a, and b of the other state of its pair; variance q of its noise, and
-covariance c with that of the other; both of the state at first; q and c from a sample
-`later` on. pair (n,) is the number of the other state, or its own. (The bank of
+Nodes, or pairs of a record and a node, lie side by side in the lanes of all arrays,
+their last axis: the more, the less the loops around them cost. Inner loops take the
+number of lanes from an array: one over 16 that are known to be 16 would be unrolled,
+not vectorised. The steps that every such recursion takes stand first, once for all of
+them; h (n,) observes the states; of a covariance the lower half is kept. A state is
+eight numbers, as `filters.Parts` has them: its factor a, and b of the other state of
+its pair; variance q of its noise, and covariance c with that of the other; both of the
+state at first; q and c from a sample `later` on. pair (n,) is the number of the other state, or its own. (The bank of
 `sensorid` writes its own steps out: built of these it takes twice as long, see
 tests/bench_gap.py.)
 
@@ -29,7 +29,8 @@ from numba import get_num_threads, njit
 from sensorid import DUST, JIT, LOG_2PI
 
 KERNEL = dict(JIT, nogil=True)
-ABREAST = 16
+LANES = 16         # a multiple of it is vectorised as a whole
+MOST_LANES = 64
 
 
 @functools.cache
@@ -63,9 +64,17 @@ def side_by_side(function, items):
         return list(pool.map(function, items))
 
 
-def groups(count):
-    """How many groups so many nodes or pairs make."""
-    return (count + ABREAST - 1) // ABREAST
+def lanes_for(count, most=MOST_LANES):
+    """Lanes, `most` at most, that leave groups for every thread where so many nodes or
+    pairs are to be done.
+    """
+    rounds = -(-count // (most * get_num_threads()))
+    return LANES * -(-count // (LANES * rounds * get_num_threads()))
+
+
+def groups(count, lanes):
+    """How many groups of so many lanes so many nodes or pairs make."""
+    return -(-count // lanes)
 
 
 @njit(**JIT)
@@ -119,15 +128,15 @@ def turn_covariance(a, b, pair, P):
 
 @njit(**JIT)
 def load(own, pair, node, parts, P):
-    """The first numbers of the nodes (ABREAST,) of all lanes, parts (6, n, ABREAST),
-    and the covariance P (n, n, ABREAST) at first.
+    """The first numbers of the nodes of all lanes, parts (6, n, lanes), and the
+    covariance P (n, n, lanes) at first.
     """
     n = own.shape[2]
     for s in range(n):
         for t in range(n):
-            for g in range(ABREAST):
+            for g in range(parts.shape[2]):
                 P[s, t, g] = 0.0
-        for g in range(ABREAST):
+        for g in range(parts.shape[2]):
             for k in range(6):
                 parts[k, s, g] = own[k, node[g], s]
             P[s, s, g] = parts[4, s, g]
@@ -140,15 +149,15 @@ def drive(own, node, later, i, parts):
     """The noises of the states of all lanes at sample i, which change at `later` (M,).
     """
     for s in range(own.shape[2]):
-        for g in range(ABREAST):
+        for g in range(parts.shape[2]):
             k = 6 if i >= later[node[g]] else 2
             parts[2, s, g], parts[3, s, g] = own[k, node[g], s], own[k + 1, node[g], s]
 
 
 @njit(**JIT)
 def predict_covariance(parts, pair, h, P, Ph, f):
-    """P (n, n, ABREAST) one step on, its product Ph (n, ABREAST) with h, and h P h'
-    added to f (ABREAST,), Eqs. (6), (8).
+    """P (n, n, lanes) one step on, its product Ph (n, lanes) with h, and h P h' added to
+    f (lanes,), Eqs. (6), (8).
     """
     a, b, q, c = parts[0], parts[1], parts[2], parts[3]
     n = len(pair)
@@ -174,7 +183,7 @@ def predict_covariance(parts, pair, h, P, Ph, f):
 
 @njit(**JIT)
 def update_covariance(P, Ph, weight):
-    """P less Ph weight Ph'; the weight (ABREAST,) is 1/f, 0 where nothing is seen."""
+    """P less Ph weight Ph'; the weight (lanes,) is 1/f, 0 where nothing is seen."""
     n = len(Ph)
     for s in range(n):
         for t in range(s + 1):
@@ -184,7 +193,7 @@ def update_covariance(P, Ph, weight):
 
 @njit(**JIT)
 def predict_state(parts, pair, h, x, nu):
-    """x (n, ABREAST) one step on; what h sees of it leaves nu (ABREAST,), Eq. (7)."""
+    """x (n, lanes) one step on; what h sees of it leaves nu (lanes,), Eq. (7)."""
     turn(parts[0], parts[1], pair, x)
     for s in range(len(pair)):
         for g in range(len(nu)):
@@ -193,7 +202,7 @@ def predict_state(parts, pair, h, x, nu):
 
 @njit(**JIT)
 def update_state(x, Ph, gain):
-    """x with Ph gain added, Eq. (4); the gain (ABREAST,) is nu times the weight."""
+    """x with Ph gain added, Eq. (4); the gain (lanes,) is nu times the weight."""
     n = len(Ph)
     for s in range(n):
         for g in range(len(gain)):
@@ -208,18 +217,19 @@ def plain_filters(y, H, own, pair, later, r, z, log_f):
     r (M, 1 or N) are the parts of `filters.Parts`. The covariance of a node serves all
     records.
     """
-    in_threads(_filter_records, groups(len(y)) * own.shape[1], y, H, own, pair, later,
-               r, z, log_f)
+    lanes = lanes_for(len(y))
+    in_threads(_filter_records, groups(len(y), lanes) * own.shape[1], lanes, y, H, own,
+               pair, later, r, z, log_f)
 
 
 @njit(**KERNEL)
-def _filter_records(first, last, y, H, own, pair, later, r, z, log_f):
+def _filter_records(first, last, lanes, y, H, own, pair, later, r, z, log_f):
     """Pairs of a group of records and a node, of `plain_filters`."""
     R, N = y.shape
     M, n = own.shape[1:]
     for both in range(first, last):
         group, node = both // M, both % M
-        begin, number = group * ABREAST, min(ABREAST, R - group * ABREAST)
+        begin, number = group * lanes, min(lanes, R - group * lanes)
         a, b, q, c = own[0, node], own[1, node], own[2, node], own[3, node]
         P, Ph = np.zeros((n, n)), np.empty(n)
         x, nu = np.zeros((n, number)), np.zeros(number)
@@ -281,37 +291,38 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out):
     total = np.empty((len(y), own.shape[1]))
     levels = 2 if jump[:, 1].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
-    in_threads(_filter_mixtures, groups(total.size), levels, kinds, y, H, own, pair,
-               later, r, outlier, jump, out, total)
+    lanes = lanes_for(total.size)
+    in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y, H,
+               own, pair, later, r, outlier, jump, out, total)
     return total
 
 
 @njit(**KERNEL)
-def _filter_mixtures(first, last, levels, kinds, y, H, own, pair, later, r, outlier,
-                     jump, out, total):
+def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, r,
+                     outlier, jump, out, total):
     """Groups of `mixture_filters`."""
     N, rows = y.shape[1], out.shape[2]
     M, n = own.shape[1:]
     count = len(y) * M
     for group in range(first, last):
-        record, node = np.empty(ABREAST, np.int64), np.empty(ABREAST, np.int64)
-        parts = np.empty((6, n, ABREAST))
-        rate, wider = np.empty(ABREAST), np.empty(ABREAST)
-        change, offset = np.empty(ABREAST), np.empty(ABREAST)
-        x, P = np.zeros((levels, n, ABREAST)), np.zeros((levels, n, n, ABREAST))
-        Ph, apart = np.empty((levels, n, ABREAST)), np.empty((n, ABREAST))
-        weight = np.full((levels, ABREAST), 1.0 / levels)
-        prior, share = weight.copy(), np.ones((levels, ABREAST))
-        seen, nu, f = np.empty(ABREAST), np.empty((levels, ABREAST)), np.empty(ABREAST)
-        per_f, half = (np.empty((levels, kinds, ABREAST)),
-                       np.empty((levels, kinds, ABREAST)))
-        term, mass = np.empty((levels, kinds, ABREAST)), np.empty(ABREAST)
-        least, wild = np.empty(ABREAST), np.zeros((levels, ABREAST))
-        gain, shrink = np.empty(ABREAST), np.empty(ABREAST)
-        log_f, product = np.zeros(ABREAST), np.ones(ABREAST)
-        number = min(ABREAST, count - group * ABREAST)
-        for g in range(ABREAST):
-            both = min(group * ABREAST + g, count - 1)
+        record, node = np.empty(lanes, np.int64), np.empty(lanes, np.int64)
+        parts = np.empty((6, n, lanes))
+        rate, wider = np.empty(lanes), np.empty(lanes)
+        change, offset = np.empty(lanes), np.empty(lanes)
+        x, P = np.zeros((levels, n, lanes)), np.zeros((levels, n, n, lanes))
+        Ph, apart = np.empty((levels, n, lanes)), np.empty((n, lanes))
+        weight = np.full((levels, lanes), 1.0 / levels)
+        prior, share = weight.copy(), np.ones((levels, lanes))
+        seen, nu, f = np.empty(lanes), np.empty((levels, lanes)), np.empty(lanes)
+        per_f, half = (np.empty((levels, kinds, lanes)),
+                       np.empty((levels, kinds, lanes)))
+        term, mass = np.empty((levels, kinds, lanes)), np.empty(lanes)
+        least, wild = np.empty(lanes), np.zeros((levels, lanes))
+        gain, shrink = np.empty(lanes), np.empty(lanes)
+        log_f, product = np.zeros(lanes), np.ones(lanes)
+        number = min(lanes, count - group * lanes)
+        for g in range(lanes):
+            both = min(group * lanes + g, count - 1)
             record[g], node[g] = both // M, both % M
             rate[g], wider[g] = outlier[node[g], 0], outlier[node[g], 1]
             change[g], offset[g] = jump[node[g], 0], jump[node[g], 1]
@@ -437,8 +448,9 @@ def adjoint(y, observed, h, own, pair, later, r):
     """
     M = own.shape[1]
     w, steps, log_det = np.empty((M, *y.shape)), np.empty((M, y.shape[1])), np.empty(M)
-    in_threads(_go_there_and_back, groups(M), y, observed, h, own, pair, later, r, w,
-               steps, log_det)
+    lanes = lanes_for(M)
+    in_threads(_go_there_and_back, groups(M, lanes), lanes, y, observed, h, own, pair,
+               later, r, w, steps, log_det)
     return w, steps, log_det
 
 
@@ -446,8 +458,8 @@ STRETCH = 1024    # samples of the way there that are kept for the way back
 
 
 @njit(**KERNEL)
-def _go_there_and_back(first, last, y, observed, h, own, pair, later, r, w, steps,
-                       log_det):
+def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, w,
+                       steps, log_det):
     """Groups of `adjoint`. The way there is gone twice: once to its end, and again from
     where each stretch begins, before that stretch is gone back.
     """
@@ -456,19 +468,19 @@ def _go_there_and_back(first, last, y, observed, h, own, pair, later, r, w, step
     shifted, to_itself = np.append(h, 1.0), np.append(pair, n)    # and the shift
     stretches = (N + STRETCH - 1) // STRETCH
     for group in range(first, last):
-        node = np.minimum(group * ABREAST + np.arange(ABREAST), M - 1)
-        parts, back = np.empty((6, n, ABREAST)), np.ones((2, n + 1, ABREAST))
-        P, x = np.zeros((n, n, ABREAST)), np.zeros((C, n, ABREAST))
-        kept_P, kept_x = (np.empty((stretches, n, n, ABREAST)),
-                          np.empty((stretches, C, n, ABREAST)))
-        noise, weight = np.empty((STRETCH, ABREAST)), np.empty((STRETCH, ABREAST))
-        K, gain = np.empty((STRETCH, n, ABREAST)), np.empty((C, STRETCH, ABREAST))
-        R, D = np.zeros((C, n, ABREAST)), np.zeros((n + 1, n + 1, ABREAST))
-        log_f, product = np.zeros(ABREAST), np.ones(ABREAST)
-        shocks = np.empty((STRETCH, ABREAST))
+        node = np.minimum(group * lanes + np.arange(lanes), M - 1)
+        parts, back = np.empty((6, n, lanes)), np.ones((2, n + 1, lanes))
+        P, x = np.zeros((n, n, lanes)), np.zeros((C, n, lanes))
+        kept_P, kept_x = (np.empty((stretches, n, n, lanes)),
+                          np.empty((stretches, C, n, lanes)))
+        noise, weight = np.empty((STRETCH, lanes)), np.empty((STRETCH, lanes))
+        K, gain = np.empty((STRETCH, n, lanes)), np.empty((C, STRETCH, lanes))
+        R, D = np.zeros((C, n, lanes)), np.zeros((n + 1, n + 1, lanes))
+        log_f, product = np.zeros(lanes), np.ones(lanes)
+        shocks = np.empty((STRETCH, lanes))
         load(own, pair, node, parts, P)
         for s in range(n):    # of Phi'
-            for g in range(ABREAST):
+            for g in range(lanes):
                 back[0, s, g], back[1, s, g] = parts[0, s, g], parts[1, pair[s], g]
         for way in range(2 * stretches):
             there = way < stretches
@@ -482,28 +494,28 @@ def _go_there_and_back(first, last, y, observed, h, own, pair, later, r, w, step
                 _copy(kept_P[k], P)
                 _copy(kept_x[k], x)
             for i in range(count):
-                for g in range(ABREAST):
+                for g in range(lanes):
                     noise[i, g] = r[node[g], min(begin + i, r.shape[1] - 1)]
             _go_there(y[:, begin:begin + count], observed[begin:begin + count], noise,
                       h, own, node, later, begin, parts, pair, P, x, K, weight, gain)
             _without_dust(x)
             if there:
                 for i in range(count):
-                    for g in range(ABREAST):
+                    for g in range(lanes):
                         product[g] *= noise[i, g]
                     if i % 8 == 7 or i == count - 1:
-                        for g in range(ABREAST):
+                        for g in range(lanes):
                             log_f[g] += np.log(product[g])
                             product[g] = 1.0
                 continue
             _go_back(count, shifted, back, to_itself, K, weight, gain, R, D, shocks)
             _without_dust(R)
-            for g in range(min(ABREAST, M - group * ABREAST)):
+            for g in range(min(lanes, M - group * lanes)):
                 for i in range(count):
                     steps[node[g], begin + i] = shocks[i, g]
                     for c in range(C):
                         w[node[g], c, begin + i] = gain[c, i, g]
-        for g in range(min(ABREAST, M - group * ABREAST)):
+        for g in range(min(lanes, M - group * lanes)):
             log_det[node[g]] = log_f[g]
 
 
@@ -511,7 +523,7 @@ def _go_there_and_back(first, last, y, observed, h, own, pair, later, r, w, step
 def _copy(source, target):
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
-            for g in range(ABREAST):
+            for g in range(source.shape[2]):
                 target[i, j, g] = source[i, j, g]
 
 
@@ -520,7 +532,7 @@ def _without_dust(x):
     """States (C, n, lanes) that have nearly decayed are 0: see `sensorid.DUST`."""
     for c in range(x.shape[0]):
         for s in range(x.shape[1]):
-            for g in range(ABREAST):
+            for g in range(x.shape[2]):
                 if abs(x[c, s, g]) < DUST:
                     x[c, s, g] = 0.0
 
@@ -533,7 +545,7 @@ def _go_there(y, observed, noise, h, own, node, later, begin, parts, pair, P, x,
     (., lanes) becomes f, 1 where nothing is seen.
     """
     (C, N), n = y.shape, len(h)
-    Ph, nu = np.empty((n, ABREAST)), np.empty(ABREAST)
+    Ph, nu = np.empty((n, x.shape[2])), np.empty(x.shape[2])
     for i in range(N):
         if len(later):
             drive(own, node, later, begin + i, parts)
@@ -560,7 +572,7 @@ def _go_back(N, h, back, pair, K, weight, gain, R, D, steps):
     of the n + 1 states is the shift; back (2, n + 1, lanes) are factors of Phi'.
     """
     C, n = R.shape[:2]
-    kD, kDk = np.empty((n + 1, ABREAST)), np.empty(ABREAST)
+    kD, kDk = np.empty((n + 1, R.shape[2])), np.empty(R.shape[2])
     for i in range(N - 1, -1, -1):
         for c in range(C):
             for s in range(n):
@@ -593,29 +605,47 @@ def _go_back(N, h, back, pair, K, weight, gain, R, D, steps):
 
 
 def row_products(rows, columns):
-    """rows @ columns.T, in the order of its own for any number of threads."""
+    """rows @ columns.T, each product in an order of its own for any number of threads.
+    """
     result = np.zeros((len(rows), len(columns)))
     in_threads(_multiply_rows, len(rows), np.ascontiguousarray(rows),
                np.ascontiguousarray(columns), result)
     return result
 
 
+CACHED = 2048    # samples of rows and columns that a cache holds
+
+
 @njit(**KERNEL)
 def _multiply_rows(first, last, rows, columns, result):
-    total = np.zeros(8)
-    for m in range(first, last):
-        for begin in range(0, rows.shape[1], 2048):    # what a cache holds of columns
-            end = min(begin + 2048, rows.shape[1])
-            whole = end - (end - begin) % 8
-            for c in range(len(columns)):
-                total[:] = 0.0
-                for i in range(begin, whole, 8):
-                    for lane in range(8):
-                        total[lane] += rows[m, i + lane] * columns[c, i + lane]
-                rest = total.sum()
-                for i in range(whole, end):
-                    rest += rows[m, i] * columns[c, i]
-                result[m, c] += rest
+    """Two rows and four columns at a time: what is loaded is used more than once."""
+    C, N = columns.shape
+    for begin in range(0, N, CACHED):
+        part = slice(begin, min(begin + CACHED, N))
+        for c in range(0, C, 4):
+            four = [columns[min(c + k, C - 1), part] for k in range(4)]
+            for m in range(first, last, 2):
+                both = _eight_products(rows[m, part], rows[min(m + 1, last - 1), part],
+                                       four[0], four[1], four[2], four[3])
+                for row in range(min(2, last - m)):
+                    for k in range(min(4, C - c)):
+                        result[m + row, c + k] += both[row][k]
+
+
+@njit(**dict(KERNEL, fastmath={"contract", "reassoc"}))
+def _eight_products(r, q, a, b, c, d):
+    """Sums of r and of q times each of four columns."""
+    ra = rb = rc = rd = qa = qb = qc = qd = 0.0
+    for i in range(len(r)):
+        ra += r[i] * a[i]
+        rb += r[i] * b[i]
+        rc += r[i] * c[i]
+        rd += r[i] * d[i]
+        qa += q[i] * a[i]
+        qb += q[i] * b[i]
+        qc += q[i] * c[i]
+        qd += q[i] * d[i]
+    return (ra, rb, rc, rd), (qa, qb, qc, qd)
 
 
 @njit(**JIT)
