@@ -60,8 +60,8 @@ def bank_of_steps(first, last, y, h, own, pair, r, sums):
 def of_steps(b):
     one = filters.parts_of(None, b)
     sums = np.empty((2, len(b.r)))
-    in_threads(bank_of_steps, groups(len(b.r), LANES), SCENE.y, one.h, one.own, one.pair,
-               one.r[:, 0].copy(), sums)
+    in_threads(bank_of_steps, groups(len(b.r), LANES), SCENE.y, one.h, one.own,
+               one.pair, one.r[:, 0].copy(), sums)
     return sums
 
 

@@ -8,9 +8,9 @@ not vectorised. The steps that every such recursion takes stand first, once for 
 them; h (n,) observes the states; of a covariance the lower half is kept. A state is
 eight numbers, as `filters.Parts` has them: its factor a, and b of the other state of
 its pair; variance q of its noise, and covariance c with that of the other; both of the
-state at first; q and c from a sample `later` on. pair (n,) is the number of the other state, or its own. (The bank of
-`sensorid` writes its own steps out: built of these it takes twice as long, see
-tests/bench_gap.py.)
+state at first; q and c from a sample `later` on. pair (n,) is the number of the other
+state, or its own. (The bank of `sensorid` writes its own steps out: built of these it
+takes twice as long, see tests/bench_gap.py.)
 
 Kernels do the groups first ... last - 1 and are called through `in_threads`: a parallel
 loop of Numba is compiled twice, which a first call would wait for, and its threads spin
@@ -156,8 +156,8 @@ def drive(own, node, later, i, parts):
 
 @njit(**JIT)
 def predict_covariance(parts, pair, h, P, Ph, f):
-    """P (n, n, lanes) one step on, its product Ph (n, lanes) with h, and h P h' added to
-    f (lanes,), Eqs. (6), (8).
+    """P (n, n, lanes) one step on, its product Ph (n, lanes) with h, and h P h' added
+    to f (lanes,), Eqs. (6), (8).
     """
     a, b, q, c = parts[0], parts[1], parts[2], parts[3]
     n = len(pair)
