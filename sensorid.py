@@ -773,6 +773,7 @@ def uniform_grid(h, dt, nodes):
 
 LANES = 32     # trials that march abreast
 GROUP = 32     # nodes that march abreast
+PART = 16      # of n states, so many times one to four do
 TILE = 128     # samples; a TILE x LANES tile of data (32 KiB) stays in the L1 cache
 STRETCH = 32   # samples of which the gains of n-state filters stay there
 DUST = 1e-100  # states so small are 0: arithmetic with numbers below 1e-308, to which
@@ -954,7 +955,7 @@ def _advance_record(y, observed, last_gap, node, memory, state):
 
 @njit(**JIT)
 def _predict_abreast(entries, apart, phi, noise, P, prior):
-    """Eq. (5) for GROUP nodes of n states: P (n, n, GROUP), of which the lower half
+    """Eq. (5) for nodes of n states abreast: P (n, n, M), of which the lower half
     counts, becomes the predicted covariance. States that are `apart` do not mix.
 
     Inner loops ask an array for their length: it vectorises better than one known.
@@ -985,13 +986,13 @@ def _predict_abreast(entries, apart, phi, noise, P, prior):
 
 @njit(**JIT)
 def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weight):
-    """Eqs. (5), (6), (8) of a stretch from sample `first` on, for GROUP nodes: gain
-    (., n, GROUP) and 1 / f (., GROUP) of every sample, 0 where it is missing; P becomes
-    the last filtered covariance. Returned is log_det (GROUP,) of the stretch.
+    """Eqs. (5), (6), (8) of a stretch from sample `first` on, for M nodes abreast: gain
+    (., n, M) and 1 / f (., M) of every sample, 0 where it is missing; P becomes the
+    last filtered covariance. Returned is log_det (M,) of the stretch.
     """
-    n = len(P)
-    prior, Ph = np.empty((n, n, GROUP)), np.empty((n, GROUP))
-    f, product, log_det = np.empty(GROUP), np.ones(GROUP), np.zeros(GROUP)
+    n, M = P.shape[1:]
+    prior, Ph = np.empty((n, n, M)), np.empty((n, M))
+    f, product, log_det = np.empty(M), np.ones(M), np.zeros(M)
     for i in range(len(observed)):
         o, at = observed[i], first + i
         h, noise = H[min(at, len(H) - 1)], r[min(at, len(r) - 1)]
@@ -1030,7 +1031,7 @@ def _is_steady(past, P, gain, weight):
     n = len(P)
     for row in range(n):
         for s in range(row + 1):
-            for g in range(GROUP):
+            for g in range(P.shape[2]):
                 scale = ((P[row, row, g] + gain[row, g]**2 / weight[g])
                          * (P[s, s, g] + gain[s, g]**2 / weight[g]))
                 if (P[row, s, g] - past[row, s, g])**2 > 1e-28 * scale:
@@ -1040,11 +1041,11 @@ def _is_steady(past, P, gain, weight):
 
 @njit(**JIT)
 def _innovations_abreast(y, first, entries, apart, Phi, H, gain, x, nu):
-    """Eqs. (4), (7) of a stretch from sample `first` on, for GROUP nodes of n states
-    x (n, GROUP): innovations nu (., GROUP). A single gain serves all samples.
+    """Eqs. (4), (7) of a stretch from sample `first` on, for M nodes abreast of n
+    states x (n, M): innovations nu (., M). A single gain serves all samples.
     """
     n = len(x)
-    new = np.empty((n, GROUP))
+    new = np.empty(x.shape)
     for i in range(len(y)):
         at = first + i
         phi, h = Phi[min(at, len(Phi) - 1)], H[min(at, len(H) - 1)]
@@ -1082,23 +1083,23 @@ def _advance_abreast(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r,
     """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), n <= 6,
     nodes abreast.
 
-    y (C + 1, n_samples) whose last row is ones; Phi, Q (groups, 1 or N, n, n, GROUP),
-    H (groups, 1 or N, n, GROUP), r (groups, 1 or N, GROUP); entries (K, 2) rows and
-    columns of Phi that are not zero; filtered state x (groups, C + 1, n, GROUP) and
-    covariance P (groups, n, n, GROUP); sums (groups, C + 1, 2, GROUP) of nu^2/f and
-    nu mu/f, the last row information and log_det; products (groups, P, GROUP) of nu
-    nu/f of pairs (P, 2) of records. Once P no longer changes, gain and f are constants
+    y (C + 1, n_samples) whose last row is ones; Phi, Q (groups, 1 or N, n, n, M), H
+    (groups, 1 or N, n, M), r (groups, 1 or N, M); entries (K, 2) rows and columns of
+    Phi that are not zero; filtered state x (groups, C + 1, n, M) and covariance P
+    (groups, n, n, M); sums (groups, C + 1, 2, M) of nu^2/f and nu mu/f, the last row
+    information and log_det; products (groups, P, M) of nu nu/f of pairs (P, 2) of
+    records. Once P no longer changes, gain and f are constants
     of the node; once mu does not, either.
     """
     columns, samples = y.shape
-    n = x.shape[2]
+    n, M = x.shape[2:]
     apart = bool((entries[:, 0] == entries[:, 1]).all())
     timeless = Phi.shape[1] == Q.shape[1] == H.shape[1] == r.shape[1] == 1
     for group in prange(len(x)):
-        gain, weight = np.empty((STRETCH, n, GROUP)), np.empty((STRETCH, GROUP))
-        every, mu = (np.empty((columns if len(pairs) else 1, STRETCH, GROUP)),
-                     np.empty((STRETCH, GROUP)))
-        own, total, past = P[group], sums[group], np.empty((n, n, GROUP))
+        gain, weight = np.empty((STRETCH, n, M)), np.empty((STRETCH, M))
+        every, mu = (np.empty((columns if len(pairs) else 1, STRETCH, M)),
+                     np.empty((STRETCH, M)))
+        own, total, past = P[group], sums[group], np.empty((n, n, M))
         steady, flat = False, False
         for begin in range(0, samples, STRETCH):
             end = min(begin + STRETCH, samples)
@@ -1117,7 +1118,7 @@ def _advance_abreast(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r,
                     H[group], gain[:1] if steady else gain, x[group, record], nu)
                 for i in range(end - begin):
                     w = weight[0 if steady else i]
-                    for g in range(GROUP):
+                    for g in range(w.shape[0]):
                         total[record, 0, g] += w[g] * nu[i, g] * nu[i, g]
                         if ones:
                             mu[i, g] = nu[i, g]
@@ -1128,7 +1129,7 @@ def _advance_abreast(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r,
                                        products[group, k])
                 for i in range(end - begin):
                     w = weight[0 if steady else i]
-                    for g in range(GROUP):
+                    for g in range(w.shape[0]):
                         product[g] += w[g] * one[i, g] * other[i, g]
             if not timeless or begin <= last_gap or end - begin < STRETCH:
                 continue
@@ -1268,15 +1269,16 @@ def _no_more_threads_than(work):
 
 
 def _abreast(part):
-    """Nodes of a bank, first axis, as groups: (groups, ..., GROUP); a copy."""
-    part = np.pad(part, [(0, -len(part) % GROUP)] + [(0, 0)] * (part.ndim - 1),
-                  mode="edge")
-    part = part.reshape(-1, GROUP, *part.shape[1:])
+    """Nodes of a bank, first axis, as groups: (groups, ..., M); a copy."""
+    # loops around many cost less; of few, two threads have a part
+    M = min(PART * -(-len(part) // (2 * PART)), 4 * PART)
+    part = np.pad(part, [(0, -len(part) % M)] + [(0, 0)] * (part.ndim - 1), mode="edge")
+    part = part.reshape(-1, M, *part.shape[1:])
     return np.moveaxis(part, 1, -1).copy()
 
 
 def _one_by_one(part, nodes):
-    """Groups (groups, ..., GROUP) as nodes (nodes, ...)."""
+    """Groups (groups, ..., M) as nodes (nodes, ...)."""
     return np.concatenate(np.moveaxis(part, -1, 1))[:nodes]
 
 
@@ -1291,8 +1293,8 @@ def _start_abreast(b, records, pairs=NO_PAIRS):
     x = np.repeat(m0[:, None], records + 1, 1)
     x[:, -1] = 0.0
     return (pairs, np.argwhere(b.Phi.any((0, 1))), Phi, Q, H, r, x, P,
-            np.zeros((len(x), records + 1, 2, GROUP)),
-            np.zeros((len(x), len(pairs), GROUP)))
+            np.zeros((len(x), records + 1, 2, x.shape[-1])),
+            np.zeros((len(x), len(pairs), x.shape[-1])))
 
 
 def _sums_abreast(b, y, observed, stretches, pairs):
