@@ -192,19 +192,26 @@ def _gain_bands(first, last, power, density, count, shape, middles, variance, ga
     all else free; each part of the spectrum stands for `count` frequencies.
     """
     F, reach = len(power), len(shape) - 1
+    less, log_ratio, product = np.empty((3, len(variance)))
+    most = np.log10(1.0 + variance.max() * shape.max() / density.min())
+    together = max(int(min(300.0 / most, 64.0)), 1)    # ratios of one logarithm
     for j in range(first, last):
         at = middles[j]
-        for v in range(len(variance)):
-            less, log_ratio, product = 0.0, 0.0, 1.0
-            for k in range(max(at - reach, 0), min(at + reach + 1, F)):
-                ratio = 1.0 + variance[v] * shape[abs(k - at)] / density[k]
-                less += power[k] * (1.0 - 1.0 / ratio)
-                product *= ratio
-                if k % 4 == 3:    # one logarithm for several
-                    log_ratio += np.log(product)
-                    product = 1.0
+        for v in range(len(less)):
+            less[v], log_ratio[v], product[v] = 0.0, 0.0, 1.0
+        for k in range(max(at - reach, 0), min(at + reach + 1, F)):
+            share = shape[abs(k - at)] / density[k]
+            for v in range(len(less)):
+                ratio = 1.0 + variance[v] * share
+                less[v] += power[k] * (1.0 - 1.0 / ratio)
+                product[v] *= ratio
+            if k % together == 0:
+                for v in range(len(less)):
+                    log_ratio[v] += np.log(product[v])
+                    product[v] = 1.0
+        for v in range(len(less)):
             gain[j, v] = -count * (
-                F * np.log(1.0 - less / F) + log_ratio + np.log(product))
+                F * np.log(1.0 - less[v] / F) + log_ratio[v] + np.log(product[v]))
 
 
 CANDIDATES = 512    # nodes of the new parameters of which the best are climbed from
