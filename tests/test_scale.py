@@ -122,6 +122,7 @@ def test_memory_does_not_grow_with_trials():
     assert many < few + 60_000 and many < 1_000_000    # KiB
 
 
+@pytest.mark.large
 def test_the_module_works_where_nothing_can_be_written():
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
