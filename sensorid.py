@@ -28,7 +28,7 @@ The file reads in the order of the paper; a section calls only sections above it
 
 import sys
 
-__version__ = "0.5.0"
+__version__ = "0.6.0"
 
 
 def main(argv=None):
@@ -985,14 +985,15 @@ def _predict_abreast(entries, apart, phi, noise, P, prior):
 
 
 @njit(**JIT)
-def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weight):
+def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weight,
+                   log_det):
     """Eqs. (5), (6), (8) of a stretch from sample `first` on, for M nodes abreast: gain
     (., n, M) and 1 / f (., M) of every sample, 0 where it is missing; P becomes the
-    last filtered covariance. Returned is log_det (M,) of the stretch.
+    last filtered covariance; log_det (M,) grows by that of the stretch.
     """
     n, M = P.shape[1:]
     prior, Ph = np.empty((n, n, M)), np.empty((n, M))
-    f, product, log_det = np.empty(M), np.ones(M), np.zeros(M)
+    f, product = np.empty(M), np.ones(M)
     for i in range(len(observed)):
         o, at = observed[i], first + i
         h, noise = H[min(at, len(H) - 1)], r[min(at, len(r) - 1)]
@@ -1022,7 +1023,6 @@ def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weigh
             for g in range(len(f)):
                 log_det[g] += np.log(product[g])
                 product[g] = 1.0
-    return log_det
 
 
 @njit(**JIT)
@@ -1088,61 +1088,84 @@ def _advance_abreast(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r,
     Phi that are not zero; filtered state x (groups, C + 1, n, M) and covariance P
     (groups, n, n, M); sums (groups, C + 1, 2, M) of nu^2/f and nu mu/f, the last row
     information and log_det; products (groups, P, M) of nu nu/f of pairs (P, 2) of
-    records. Once P no longer changes, gain and f are constants
-    of the node; once mu does not, either.
+    records.
+    """
+    for group in prange(len(x)):
+        _advance_group(y, observed, last_gap, first, pairs, entries, Phi[group],
+                       Q[group], H[group], r[group], x[group], P[group], sums[group],
+                       products[group])
+
+
+@njit(**JIT)
+def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x, P,
+                   sums, products):
+    """One group of `_advance_abreast`. Once P no longer changes, gain and f are
+    constants of the node; once mu does not, either.
+
+    Arrays are copied by loops: the message of a failed assignment takes longer to
+    compile than the rest.
     """
     columns, samples = y.shape
-    n, M = x.shape[2:]
-    apart = bool((entries[:, 0] == entries[:, 1]).all())
-    timeless = Phi.shape[1] == Q.shape[1] == H.shape[1] == r.shape[1] == 1
-    for group in prange(len(x)):
-        gain, weight = np.empty((STRETCH, n, M)), np.empty((STRETCH, M))
-        every, mu = (np.empty((columns if len(pairs) else 1, STRETCH, M)),
-                     np.empty((STRETCH, M)))
-        own, total, past = P[group], sums[group], np.empty((n, n, M))
-        steady, flat = False, False
-        for begin in range(0, samples, STRETCH):
-            end = min(begin + STRETCH, samples)
-            if not steady:
-                past[:] = own
-                total[columns - 1, 1] += _gains_abreast(
-                    observed[begin:end], first + begin, entries, apart, Phi[group],
-                    Q[group], H[group], r[group], own, gain, weight)
-            for record in range(columns - 1, -1, -1):    # the ones first: they give mu
-                ones = record == columns - 1
-                if ones and flat:
-                    continue
-                nu = every[record if len(pairs) else 0]
-                _innovations_abreast(
-                    y[record, begin:end], first + begin, entries, apart, Phi[group],
-                    H[group], gain[:1] if steady else gain, x[group, record], nu)
-                for i in range(end - begin):
-                    w = weight[0 if steady else i]
-                    for g in range(w.shape[0]):
-                        total[record, 0, g] += w[g] * nu[i, g] * nu[i, g]
-                        if ones:
-                            mu[i, g] = nu[i, g]
-                        else:
-                            total[record, 1, g] += w[g] * nu[i, g] * mu[i, g]
-            for k in range(len(pairs)):
-                one, other, product = (every[pairs[k, 0]], every[pairs[k, 1]],
-                                       products[group, k])
-                for i in range(end - begin):
-                    w = weight[0 if steady else i]
-                    for g in range(w.shape[0]):
-                        product[g] += w[g] * one[i, g] * other[i, g]
-            if not timeless or begin <= last_gap or end - begin < STRETCH:
+    n, M = x.shape[1:]
+    beside = 0
+    for k in range(len(entries)):
+        beside += entries[k, 0] != entries[k, 1]
+    apart, timeless = beside == 0, len(Phi) == len(Q) == len(H) == len(r) == 1
+    gain, weight = np.empty((STRETCH, n, M)), np.empty((STRETCH, M))
+    every, mu = (np.empty((columns if len(pairs) else 1, STRETCH, M)),
+                 np.empty((STRETCH, M)))
+    past, log_det = np.empty((n, n, M)), sums[columns - 1, 1]
+    steady, flat = False, False
+    for begin in range(0, samples, STRETCH):
+        end = min(begin + STRETCH, samples)
+        if not steady:
+            for row in range(n):
+                for s in range(n):
+                    for g in range(M):
+                        past[row, s, g] = P[row, s, g]
+            _gains_abreast(observed[begin:end], first + begin, entries, apart, Phi, Q,
+                           H, r, P, gain, weight, log_det)
+        for record in range(columns - 1, -1, -1):    # the ones first: they give mu
+            ones = record == columns - 1
+            if ones and flat:
                 continue
-            if not steady and _is_steady(past, own, gain[STRETCH - 1],
-                                         weight[STRETCH - 1]):
-                steady = True
-                gain[0], weight[0] = gain[STRETCH - 1], weight[STRETCH - 1]
-                total[columns - 1, 1] -= (samples - end) * np.log(weight[0])
-            elif steady and not flat:
-                flat = np.abs(mu[0] - mu[STRETCH - 1]).max() < 1e-15
-                if flat:
-                    mu[:] = mu[STRETCH - 1].copy()
-                    total[columns - 1, 0] += (samples - end) * weight[0] * mu[0]**2
+            nu = every[record if len(pairs) else 0]
+            _innovations_abreast(
+                y[record, begin:end], first + begin, entries, apart, Phi, H,
+                gain[:1] if steady else gain, x[record], nu)
+            for i in range(end - begin):
+                w = weight[0 if steady else i]
+                for g in range(len(w)):
+                    sums[record, 0, g] += w[g] * nu[i, g] * nu[i, g]
+                    if ones:
+                        mu[i, g] = nu[i, g]
+                    else:
+                        sums[record, 1, g] += w[g] * nu[i, g] * mu[i, g]
+        for k in range(len(pairs)):
+            one, other, product = every[pairs[k, 0]], every[pairs[k, 1]], products[k]
+            for i in range(end - begin):
+                w = weight[0 if steady else i]
+                for g in range(len(w)):
+                    product[g] += w[g] * one[i, g] * other[i, g]
+        if not timeless or begin <= last_gap or end - begin < STRETCH:
+            continue
+        if not steady and _is_steady(past, P, gain[STRETCH - 1], weight[STRETCH - 1]):
+            steady = True
+            for g in range(M):
+                weight[0, g] = weight[STRETCH - 1, g]
+                log_det[g] -= (samples - end) * np.log(weight[0, g])
+                for s in range(n):
+                    gain[0, s, g] = gain[STRETCH - 1, s, g]
+        elif steady and not flat:
+            drift = 0.0
+            for g in range(M):
+                drift = max(drift, abs(mu[0, g] - mu[STRETCH - 1, g]))
+            flat = drift < 1e-15
+            for g in range(M if flat else 0):
+                last = mu[STRETCH - 1, g]
+                sums[columns - 1, 0, g] += (samples - end) * weight[0, g] * last**2
+                for i in range(STRETCH):
+                    mu[i, g] = last
 
 
 class Bank(NamedTuple):
@@ -1292,7 +1315,7 @@ def _start_abreast(b, records, pairs=NO_PAIRS):
     Phi, Q, H, r, m0, P = map(_abreast, (b.Phi, b.Q, b.H, b.r, b.m0, b.P0))
     x = np.repeat(m0[:, None], records + 1, 1)
     x[:, -1] = 0.0
-    return (pairs, np.argwhere(b.Phi.any((0, 1))), Phi, Q, H, r, x, P,
+    return (pairs, np.array(np.argwhere(b.Phi.any((0, 1))), order="C"), Phi, Q, H, r, x, P,
             np.zeros((len(x), records + 1, 2, x.shape[-1])),
             np.zeros((len(x), len(pairs), x.shape[-1])))
 

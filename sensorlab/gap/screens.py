@@ -79,8 +79,8 @@ LITTLE = 1.0    # ln B by a screen of a change of drive, below which its filters
                 # take long, need not run: others have more
 
 
-class Change(NamedTuple):
-    """What a screen tells of a change of the noise of a hypothesis's states."""
+class Told(NamedTuple):
+    """What a screen tells of a change of what drives a hypothesis's states."""
 
     about: float       # ln B
     onset: int         # likeliest sample
@@ -88,8 +88,8 @@ class Change(NamedTuple):
 
 
 def change_of_drive(effect, scene, member, signatures, theta):
-    """`Change` by an effect, at theta (p,), from the scores of filters with that noise
-    this strong or that from the first sample to the last.
+    """`Told` of an effect, at theta (p,), from the scores of filters whose states are
+    driven this strongly or that from the first sample to the last.
     """
     onset, ratio = effect.parameters(scene)
     first, last = np.searchsorted(scene.time, [onset.low, onset.high])
@@ -109,7 +109,7 @@ def change_of_drive(effect, scene, member, signatures, theta):
                              if 0 <= k + more < STRENGTHS], axis=0)
                      for more in steps]) - whole.max()
     more, onset = np.unravel_index(gain.argmax(), gain.shape)
-    return Change(
+    return Told(
         float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0)),
         int(at[onset]), float(np.clip(0.5 + steps[more] / STRENGTHS, 0.5 / STRENGTHS,
                                       1.0 - 0.5 / STRENGTHS)))
