@@ -224,8 +224,9 @@ def _maximize(h, log_likelihoods):
         ll = -log_likelihoods(h, at_quantiles(h.parameters, around))
         up, down = around[1:].reshape(2, len(u), len(u)).diagonal(0, 1, 2)
         return ll[0], (ll[1:len(u) + 1] - ll[len(u) + 1:]) / (up - down)
-    best = minimize(with_slope, u, jac=True, method="L-BFGS-B",
-                    bounds=[(0.0, 1.0)] * len(u), options=dict(ftol=1e-9))
+    # in C alone: what calls BLAS wakes its threads, which wait for a busy core
+    best = minimize(with_slope, u, jac=True, method="TNC",
+                    bounds=[(0.0, 1.0)] * len(u), options=dict(ftol=1e-5))
     return at_quantiles(h.parameters, best.x), -float(best.fun)
 
 
