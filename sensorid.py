@@ -1315,7 +1315,8 @@ def _start_abreast(b, records, pairs=NO_PAIRS):
     Phi, Q, H, r, m0, P = map(_abreast, (b.Phi, b.Q, b.H, b.r, b.m0, b.P0))
     x = np.repeat(m0[:, None], records + 1, 1)
     x[:, -1] = 0.0
-    return (pairs, np.array(np.argwhere(b.Phi.any((0, 1))), order="C"), Phi, Q, H, r, x, P,
+    entries = np.argwhere(b.Phi.any((0, 1))).copy()    # of one layout, compiled once
+    return (pairs, entries, Phi, Q, H, r, x, P,
             np.zeros((len(x), records + 1, 2, x.shape[-1])),
             np.zeros((len(x), len(pairs), x.shape[-1])))
 
