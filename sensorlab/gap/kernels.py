@@ -9,8 +9,8 @@ them; h (n,) observes the states; of a covariance the lower half is kept. A stat
 eight numbers, as `filters.Parts` has them: its factor a, and b of the other state of
 its pair; variance q of its noise, and covariance c with that of the other; both of the
 state at first; q and c from a sample `later` on. pair (n,) is the number of the other
-state, or its own. (The bank of `sensorid` writes its own steps out: built of these it
-takes twice as long, see tests/bench_gap.py.)
+state, or its own. (The bank of `sensorid` has steps of its own, which end where gains
+have converged: tests/bench_gap.py has both.)
 
 Kernels do the groups first ... last - 1 and are called through `in_threads`: a parallel
 loop of Numba is compiled twice, which a first call would wait for, and its threads spin
