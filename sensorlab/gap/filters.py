@@ -191,8 +191,10 @@ def with_constants(h, scene, signatures, theta):
 
 
 def filtered(h, scene, signatures, theta, y):
-    """Log-likelihoods (R, M) of records y (R, N) like that of the scene."""
-    if _is_plain(h, y):
+    """Log-likelihoods (R, M) of records y (R, N) like that of the scene: through the
+    bank, unless there are jumps, or the states are driven unevenly.
+    """
+    if _is_plain(h, y) and not h.driven:
         return estimated(h, scene, signatures, theta, y).log_likelihood
     own, H = with_constants(h, scene, signatures, theta)
     (R, N), M = y.shape, len(theta)
@@ -247,12 +249,8 @@ def normal_score(below, above):
 
 
 def log_likelihoods(h, scene, signatures, theta):
-    """ln f(Y / theta) (M,): through the bank, unless there are jumps."""
-    if h.has_jumps or h.driven:    # there the nodes are abreast
-        own, H = with_constants(h, scene, signatures, theta)
-        return _through_mixtures(h, own, H, theta, scene.y[None], np.empty(
-            (1, len(theta), 0, len(scene.y))))[0]
-    return estimated(h, scene, signatures, theta).log_likelihood[0]
+    """ln f(Y / theta) (M,) of the record of a scene."""
+    return filtered(h, scene, signatures, theta, scene.y[None])[0]
 
 
 class Marginal(NamedTuple):
