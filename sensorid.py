@@ -2583,34 +2583,40 @@ def allan_variance(omega, dt, m):
             f"m = {m} does not fit a record of {samples} samples: the Allan "
             f"variance needs two clusters, so 1 <= m <= {samples // 2}")
     rows = np.ascontiguousarray(omega).reshape(-1, samples)
-    square = np.array([_difference_of_clusters(row, m) for row in rows])
-    variance = square.reshape(omega.shape[:-1]) / 2.0
+    variance = _differences_of_clusters(rows, m).reshape(omega.shape[:-1]) / 2.0
     return variance if variance.ndim else float(variance)
 
 
 @njit(nogil=True, **JIT)
-def _difference_of_clusters(omega, m):
-    """Mean square of (second mean of m - first mean of m) over all pairs of clusters
-    that miss nothing.
+def _differences_of_clusters(omega, m):
+    """Mean square (R,) of (second mean of m - first mean of m) over all pairs of
+    clusters of rows (R, N) that miss nothing.
     """
-    middle, seen = 0.0, 0
-    for value in omega:    # about it, sums keep their digits
-        if not np.isnan(value):
-            middle += value
-            seen += 1
-    middle /= max(seen, 1)
-    apart, missed, total, pairs = 0.0, 0, 0.0, 0
-    for i in range(len(omega)):
-        for at, weight in ((i, 1.0), (i - m, -2.0), (i - 2 * m, 1.0)):
-            if at >= 0 and not np.isnan(omega[at]):
-                apart += weight * (omega[at] - middle)
-        missed += np.isnan(omega[i])
-        if i >= 2 * m:
-            missed -= np.isnan(omega[i - 2 * m])
-        if i >= 2 * m - 1 and missed == 0:
-            total += apart * apart
-            pairs += 1
-    return total / pairs / m**2
+    rows, N = omega.shape
+    result, x, gone = np.empty(rows), np.empty(N), np.empty(N, np.int64)
+    for row in range(rows):
+        middle, seen = 0.0, 0
+        for value in omega[row]:    # about it, sums keep their digits
+            if not np.isnan(value):
+                middle += value
+                seen += 1
+        middle /= max(seen, 1)
+        for i in range(N):
+            gone[i] = np.isnan(omega[row, i])
+            x[i] = 0.0 if gone[i] else omega[row, i] - middle
+        apart, missed, total, pairs = 0.0, 0, 0.0, 0
+        for i in range(m):
+            apart += x[m + i] - x[i]
+            missed += gone[i] + gone[m + i]
+        for i in range(2 * m, N + 1):
+            if missed == 0:
+                total += apart * apart
+                pairs += 1
+            if i < N:
+                apart += x[i] - 2.0 * x[i - m] + x[i - 2 * m]
+                missed += gone[i] - gone[i - 2 * m]
+        result[row] = total / pairs / m**2
+    return result
 
 
 def allan_deviation(omega, dt, per_octave=1):

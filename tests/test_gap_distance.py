@@ -10,7 +10,7 @@ from scipy.stats import binom, kstest
 
 import sensorid
 from sensorlab import CATALOGUE, Scene, Simulator
-from sensorlab.gap import account, distance, filters, scans, signatures
+from sensorlab.gap import account, distance, filters, places, scans, signatures
 from sensorlab.gap.effects import members
 
 
@@ -24,6 +24,35 @@ def test_p_values_of_records_without_an_effect_are_uniform():
         p.append(distance.distance(scene, fit).p_value)
     assert kstest(p, "uniform").pvalue > 1e-3
     assert np.sum(np.array(p) < 0.05) <= binom.ppf(0.999, 60, 0.05)
+
+
+@pytest.mark.parametrize("N", [1024, 1021])    # a spectrum of a prime length is slow
+def test_statistics_of_white_residuals_are_standard_normal(N):
+    rng = np.random.default_rng(N)
+    z = rng.standard_normal((600, N))
+    z[:, rng.random(N) < 0.1] = np.nan
+    scene = Scene(z[0], DT, {})
+    listed = tuple(p[:3] for p in places.probes(scene))
+    found = places.statistics(z, z, scene, places.Held(listed, np.zeros((
+        len(listed), N), np.float32)))
+    own = np.isin(found.place, ("time", "frequency")) & found.value.any(0)
+    assert own.sum() > 60
+    assert np.abs(found.value[:, own].mean(0)).max() < 0.25    # some are of a maximum
+    assert np.abs(found.value[:, own].std(0) - 1.0).max() < 0.2
+
+
+def test_statistics_of_lags_and_ties_are_those_of_plain_sums():
+    rng = np.random.default_rng(4)
+    y = np.round(rng.standard_normal((3, 200)), 1)
+    y[1, 20:30] = np.nan
+    z, seen = np.nan_to_num(y), ~np.isnan(y)
+    r = places._Residuals(z, seen, seen.sum(1), y, Scene(y[0], DT, {}))
+    size = np.where(seen, np.minimum(np.abs(z) - np.sqrt(2.0 / np.pi), 5.0), 0.0)
+    expected = [(x[:, k:] * x[:, :-k]).sum(1) / np.sqrt(r.count)
+                for k in places.LAGS if k < 50 for x in (z, size)]
+    assert_allclose([one.value for one in places._in_lag(r)], expected, atol=1e-12)
+    *_, ties = places._in_amplitude(r)
+    assert ties.value.tolist() == (np.diff(y) == 0.0).sum(1).tolist()
 
 
 def test_what_was_not_fitted_shows_no_gap_where_there_is_none():

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
@@ -225,8 +226,9 @@ def noise_density(y, dt):
     window = np.hanning(N)
     weight = np.where(np.isnan(y), 0.0, window)
     part = weight * np.nan_to_num(y - np.nanmean(y, axis=1, keepdims=True))
-    power = 2.0 * dt * np.abs(np.fft.rfft(part))**2 / (weight**2).sum(1)[:, None]
-    frequency = np.fft.rfftfreq(N, dt)
+    n = next_fast_len(N, real=True)
+    power = 2.0 * dt * np.abs(np.fft.rfft(part, n))**2 / (weight**2).sum(1)[:, None]
+    frequency = np.fft.rfftfreq(n, dt)
     edges = np.unique(np.round(np.geomspace(1, len(frequency), BANDS + 1)).astype(int))
     count = np.diff(edges)
     return (np.add.reduceat(frequency, edges[:-1])[:len(count)] / count,

@@ -24,7 +24,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import get_num_threads, njit
+from numba import get_num_threads, njit, set_num_threads
 
 from sensorid import DUST, JIT, LOG_2PI
 
@@ -55,12 +55,14 @@ def in_threads(kernel, count, *arguments):
 
 def side_by_side(function, items):
     """function(item) of every item, in their order; as many at a time as there are
-    threads. What runs long in it must leave the interpreter to the others.
+    threads, each of which has no further ones. What runs long in it must leave the
+    interpreter to the others.
     """
     threads = min(get_num_threads(), len(items))
     if threads <= 1:
         return [function(item) for item in items]
-    with ThreadPoolExecutor(threads) as pool:    # its own: it waits for the kernels'
+    with ThreadPoolExecutor(threads, initializer=set_num_threads,
+                            initargs=(1,)) as pool:
         return list(pool.map(function, items))
 
 
@@ -608,11 +610,15 @@ def row_products(rows, columns):
     """rows @ columns.T, each product in an order of its own for any number of threads.
     """
     result = np.zeros((len(rows), len(columns)))
-    in_threads(_multiply_rows, len(rows), np.ascontiguousarray(rows),
-               np.ascontiguousarray(columns), result)
+    arguments = np.ascontiguousarray(rows), np.ascontiguousarray(columns), result
+    if rows.size * len(columns) < LITTLE:
+        _multiply_rows(0, len(rows), *arguments)
+    else:
+        in_threads(_multiply_rows, len(rows), *arguments)
     return result
 
 
+LITTLE = 10**6    # products that take less time than to wake a thread
 CACHED = 2048    # samples of rows and columns that a cache holds
 
 
@@ -632,7 +638,19 @@ def _multiply_rows(first, last, rows, columns, result):
                         result[m + row, c + k] += both[row][k]
 
 
-@njit(**dict(KERNEL, fastmath={"contract", "reassoc"}))
+SUMS = dict(KERNEL, fastmath={"contract", "reassoc"})    # in the order of the lanes
+
+
+@njit(**SUMS)
+def dot(a, b):
+    """Sum of a times b."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(**SUMS)
 def _eight_products(r, q, a, b, c, d):
     """Sums of r and of q times each of four columns."""
     ra = rb = rc = rd = qa = qb = qc = qd = 0.0

@@ -10,13 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.fft import prev_fast_len
 from scipy.special import (
     chdtr, chdtrc, eval_legendre, log_ndtr, ndtr, ndtri, ndtri_exp, pdtr, pdtrc)
 
 from sensorid import allan_variance, brief
 from sensorlab.gap.effects import Scene
 from sensorlab.gap.filters import normal_score
-from sensorlab.gap.kernels import KERNEL, in_threads, row_products
+from sensorlab.gap.kernels import KERNEL, dot, in_threads, row_products
 
 PLACES = "time", "frequency", "averaging_time", "lag", "amplitude", "covariate"
 CLASSES = 12           # of even probability
@@ -167,25 +168,41 @@ def _in_time(r):
     """Mean, variance, largest line and spectrum by segment: what is stationary in the
     mean need not be at any one time.
     """
-    time, N = r.scene.time, len(r.scene.y)
-    for part in np.array_split(np.arange(N), int(np.clip(N // 64, 2, 16))):
-        n = np.maximum(r.seen[:, part].sum(1), 1)
-        ends = time[part[0]], time[part[-1]]
-        yield _One(*ends, r.z[:, part].sum(1) / np.sqrt(n))
-        yield _One(*ends, _chi2_score((r.z[:, part]**2).sum(1), n))
-    for part in np.array_split(np.arange(N), int(np.clip(N // 256, 1, 12))):
-        power = np.abs(np.fft.rfft(r.z[:, part]))**2 / np.maximum(
-            r.seen[:, part].sum(1), 1)[:, None]
-        ends = time[part[0]], time[part[-1]]
-        yield _One(*ends, _largest_score(-power[:, 1:].max(1), len(power[0]) - 1))
-        for band in np.array_split(power[:, 1:], 4, axis=1):
+    N = len(r.scene.y)
+    for part, ends in _parts(r.scene, int(np.clip(N // 64, 2, 16))):
+        z, n = r.z[:, part], np.maximum(r.seen[:, part].sum(1), 1)
+        yield _One(*ends, z.sum(1) / np.sqrt(n))
+        yield _One(*ends, _chi2_score(np.einsum("ri, ri -> r", z, z), n))
+    for part, ends in _parts(r.scene, int(np.clip(N // 256, 1, 12))):
+        power = _power(r, part)[:, 1:]
+        yield _One(*ends, _largest_score(-power.max(1), len(power[0])))
+        for band in np.array_split(power, 4, axis=1):
             yield _One(*ends, _chi2_score(2.0 * band.sum(1), 2 * band.shape[1]))
+
+
+def _parts(scene, count):
+    """(slice, first and last time) of so many even parts."""
+    edges = np.linspace(0, len(scene.y), count + 1).astype(int).tolist()
+    for first, end in itertools.pairwise(edges):
+        yield slice(first, end), (scene.time[first], scene.time[end - 1])
+
+
+def _power(r, part):
+    """Periodograms (R, F) of a part of the residuals, of as many of its samples as have
+    no large prime: it would take ten times as long.
+    """
+    part = slice(part.start, part.start + prev_fast_len(
+        part.stop - part.start, real=True))
+    line = np.fft.rfft(r.z[:, part])
+    return (line.real**2 + line.imag**2) / np.maximum(
+        r.seen[:, part].sum(1), 1)[:, None]
 
 
 def _in_frequency(r):
     """Power, and the largest line, in bands of even width on a logarithmic axis."""
-    power = np.abs(np.fft.rfft(r.z))**2 / r.count[:, None]
-    frequency = np.fft.rfftfreq(len(r.scene.y), r.scene.dt)
+    power = _power(r, slice(0, len(r.scene.y)))
+    frequency = np.fft.rfftfreq(
+        prev_fast_len(len(r.scene.y), real=True), r.scene.dt)
     edges = np.unique(np.round(np.geomspace(1, len(frequency), 14)).astype(int))
     for low, high in itertools.pairwise(edges):
         band, n = power[:, low:high], high - low
@@ -213,21 +230,41 @@ def _pair_means(y):
     """Means (R, N // 2) of neighbours in records (R, N); of one that is seen alone, it.
     """
     first, second = y[:, :-1:2], y[:, 1::2]
-    mean = 0.5 * (first + second)
+    mean = first + second
+    mean *= 0.5
     gap = np.isnan(mean)
-    mean[gap] = np.where(np.isnan(first), second, first)[gap]
+    if gap.any():
+        mean[gap] = np.where(np.isnan(first), second, first)[gap]
     return mean
+
+
+LAGS = 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64    # samples
 
 
 def _in_lag(r):
     """Correlations of the residuals and of their size."""
-    size = np.abs(r.z) - np.sqrt(2.0 / np.pi)
-    size = np.where(r.seen, np.minimum(size, 5.0), 0.0)
-    for k in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64):
-        if k < len(r.scene.y) // 4:
-            for x in (r.z, size):
-                yield _One(k * r.scene.dt, k * r.scene.dt, np.einsum(
-                    "ri, ri -> r", x[:, k:], x[:, :-k]) / np.sqrt(r.count))
+    lags = np.array([k for k in LAGS if k < len(r.scene.y) // 4])
+    both = np.zeros((len(lags), 2, len(r.z)))
+    in_threads(_lagged, len(r.z), r.z, r.seen, lags, both)
+    for k, one in zip(lags * r.scene.dt, both):
+        for total in one:
+            yield _One(k, k, total / np.sqrt(r.count))
+
+
+@njit(**KERNEL)
+def _lagged(first, last, z, seen, lags, both):
+    """Of records z (R, N): sums over samples of the product of one with that at a lag
+    (L,), and the same of their size less its mean, in both (L, 2, R).
+    """
+    size = np.empty(z.shape[1])
+    for record in range(first, last):
+        for i in range(len(size)):
+            size[i] = min(abs(z[record, i]) - math.sqrt(2.0 / math.pi), 5.0)
+            if not seen[record, i]:
+                size[i] = 0.0
+        for at, k in enumerate(lags):
+            both[at, 0, record] = dot(z[record, k:], z[record, :-k])
+            both[at, 1, record] = dot(size[k:], size[:-k])
 
 
 def _in_amplitude(r):
@@ -252,10 +289,21 @@ def _in_amplitude(r):
                _largest_score(np.log(2.0) + log_ndtr(-largest), count))
     yield _One(-FAR_OUT, FAR_OUT, cubes / np.sqrt(count))
     yield _One(-FAR_OUT, FAR_OUT, sizes / np.sqrt(count))
-    raw = r.y + r.scene.known
-    same = np.abs(np.diff(raw)) <= ROUNDING * np.nanmax(np.abs(raw))
+    ties = np.zeros(R)
+    in_threads(_ties, R, r.y + r.scene.known, ties)
     # fewer than one in a hundred are how a file was printed
-    yield _One(0.0, 0.0, same.sum(1).astype(float), least=1.0 + 0.01 * same.shape[1])
+    yield _One(0.0, 0.0, ties, least=1.0 + 0.01 * (r.z.shape[1] - 1))
+
+
+@njit(**KERNEL)
+def _ties(first, last, y, ties):
+    """How many samples of records y (R, N) are equal to the one before."""
+    for record in range(first, last):
+        largest = 0.0
+        for value in y[record]:
+            largest = max(largest, abs(value))    # NaN is not larger
+        for i in range(1, y.shape[1]):
+            ties[record] += abs(y[record, i] - y[record, i - 1]) <= ROUNDING * largest
 
 
 @njit(**KERNEL)

@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, xlogy
 
@@ -147,10 +148,11 @@ def _own_rate(y):
     ties, p = np.flatnonzero(same), same.mean()
     if len(ties) < FEWEST:
         return None
-    power = np.abs(np.fft.rfft(same - p, 4 * N)[4:])**2 / (N * p * (1.0 - p) + 1e-9)
+    n = next_fast_len(4 * N, real=True)
+    power = np.abs(np.fft.rfft(same - p, n)[4:])**2 / (N * p * (1.0 - p) + 1e-9)
     if power.max() < CERTAIN + np.log(N):
         return None
-    top = (4 + power.argmax()) / (4.0 * N)
+    top = (4 + power.argmax()) / n
     rate = max((_nearest(ties, r, N, 0.5, 21) for k in range(1, HARMONICS + 1)
                 for r in (top / k, 1.0 - top / k)))[1]
     _, rate = _nearest(ties, rate, N, 0.1, FINE * min(int(1.0 / (1.0 - rate)), FINE))

@@ -9,6 +9,7 @@ import itertools
 
 import numpy as np
 from numba import njit
+from scipy.fft import next_fast_len
 from scipy.signal import find_peaks
 
 from sensorlab.gap.catalogue import MIN_CYCLES, MIN_PULSE
@@ -64,7 +65,7 @@ def _line_information(first, last, turn, count, a, q, r, J):
                 (1.0 - share) / (S + low) + share / (S + high))
 
 
-PADDING = 4    # frequencies per 1 / T
+PADDING = 4    # frequencies per 1 / T, at least
 
 
 EXACT_CYCLES = 20    # in a record: below, its ends count, and the spectrum of a walk
@@ -75,12 +76,15 @@ def _frequency_scores(scene, family, solved):
     """Of the information below EXACT_CYCLES, in a long record that of whole cycles and
     between them by interpolation; above by the spectrum.
     """
-    n, first, split = (PADDING * len(scene.y), MIN_CYCLES * PADDING,
-                       EXACT_CYCLES * PADDING)
+    N = len(scene.y)
+    n = next_fast_len(PADDING * N, real=True)
+    first, split = (-(-cycles * n // N) for cycles in (MIN_CYCLES, EXACT_CYCLES))
     frequency = np.fft.rfftfreq(n, scene.dt)[first:-PADDING]
     slow, fast = slice(split - first), slice(split - first, None)
-    exact = frequency[slow][::1 if len(scene.y) <= LONG_RECORD else PADDING]
-    exact = np.union1d(exact, frequency[slow][-1:])
+    exact = frequency[slow]
+    if N > LONG_RECORD:
+        exact = np.union1d(np.arange(MIN_CYCLES + 1, EXACT_CYCLES) / scene.duration,
+                           exact[[0, -1]])
     J = [information(scene, block.columns, solved)
          for block in blocks(scene, family, exact)]
     J = _interpolated(frequency[slow], exact, np.concatenate(J, axis=1))

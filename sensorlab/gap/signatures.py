@@ -14,7 +14,7 @@ from sensorid import JIT, LANES, brief
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import BLOCK, Effect
 from sensorlab.gap.filters import summed
-from sensorlab.gap.kernels import KERNEL, in_threads, row_products
+from sensorlab.gap.kernels import KERNEL, row_products
 
 # ---- Bayes factor of a size
 
@@ -61,16 +61,16 @@ def mean_bayes(gain, table):
     result = np.empty(len(gain))
     per_unit = 1.0 / GAIN_ROOT[1]
     # of small gains B itself, which spares an exp for each
-    in_threads(_average, len(gain), np.ascontiguousarray(gain), table,
-               np.exp(table[:int(20.0 * per_unit)]), per_unit, result)
+    _average(np.ascontiguousarray(gain), table, np.exp(table[:int(20.0 * per_unit)]),
+             per_unit, result)
     return result - np.log(gain.shape[1])
 
 
 @njit(**KERNEL)
-def _average(first, last, gain, table, plain, per_unit, result):
-    """ln of the sum of Bayes factors of nodes first ... last - 1."""
+def _average(gain, table, plain, per_unit, result):
+    """ln of the sum of Bayes factors of every node."""
     m = gain.shape[1]
-    for node in range(first, last):
+    for node in range(len(gain)):
         best = 0.0
         for j in range(m):
             best = max(best, gain[node, j])

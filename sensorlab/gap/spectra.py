@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.fft import prev_fast_len
 from scipy.special import logsumexp, ndtr, ndtri
 from scipy.stats.qmc import LatinHypercube
 
@@ -67,6 +68,7 @@ class Spectrum(NamedTuple):
 def residual_spectrum(h, scene, signatures, theta):
     """`Spectrum` of a member at theta (p,)."""
     z = predict(h, scene, signatures, theta[None]).z[0, 0]
+    z = z[:prev_fast_len(len(z), real=True)]
     inside = slice(1, (len(z) + 1) // 2)    # both ends have one degree of freedom only
     frequency = np.fft.rfftfreq(len(z), scene.dt)[inside]
     power = np.abs(np.fft.rfft(np.nan_to_num(z))[inside])**2 / np.sum(~np.isnan(z))
@@ -239,7 +241,7 @@ def posterior_law(h, scene, signatures, other, theta, known):
     def log_posterior(x):
         theta, gain = at_quantiles(h.parameters, ndtr(x)), np.empty(len(x))
         own = processes(h, scene, theta)
-        in_threads(_whittle, len(x), own.a, own.q, own.r.mean(1), turn, *seen[1:], gain)
+        _whittle(own.a, own.q, own.r.mean(1), turn, *seen[1:], gain)
         for column, p in enumerate(h.parameters):
             if isinstance(p, Sought):
                 gain += p.log_ratio(theta[:, column])
@@ -261,9 +263,9 @@ def _middle(frequency, x):
 
 
 @njit(**KERNEL)
-def _whittle(first, last, a, q, r, turn, power, density, count, gain):
+def _whittle(a, q, r, turn, power, density, count, gain):
     """Whittle's likelihoods of nodes, for residuals of a member of this density."""
-    for m in range(first, last):
+    for m in range(len(a)):
         total = 0.0
         for k in range(len(turn)):
             ratio = (r[m] + spectrum(a[m], q[m], turn[k])) / density[k]
