@@ -63,13 +63,18 @@ def test_a_line_that_moved_is_no_other_line(known):
         assert d.verdict == verdict
 
 
-def test_what_was_added_after_the_rounding_is_all_there_is(known):
+@pytest.mark.parametrize("added, verdicts, said", [
+    (lambda i: i / 2000.0, ("rate_ramp", "rate_ramp or second_order_drift"),
+     "neighbours are multiples"),
+    (lambda i: 0.15 * np.sin(2.3 * i), ("sinusoid",), "the record lies on none")])
+def test_what_was_added_after_the_rounding_is_all_there_is(known, added, verdicts,
+                                                           said):
     y, simulator = known
-    other = sensor(np.random.default_rng(9))
-    drift = np.linspace(0.0, 1.0, len(other))
-    d = sensorlab.diagnose(other + drift, DT, simulator, simulated=y[None])
-    assert d.verdict in ("rate_ramp", "rate_ramp or second_order_drift")
-    assert any("after it was rounded" in line for line in words.advice(d, "u"))
+    other = sensor(np.random.default_rng(9)) + added(np.arange(2000))
+    d = sensorlab.diagnose(other, DT, simulator, simulated=y[None])
+    assert d.verdict in verdicts
+    assert any(said in line and "after it was rounded" in line
+               for line in words.advice(d, "u"))
 
 
 def test_gaps_measured_with_more_records_than_before_stand_beside_each_other(known):

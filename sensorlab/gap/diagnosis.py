@@ -18,7 +18,8 @@ from sensorlab.gap.effects import (
     BLOCK, Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
-from sensorlab.gap.readings import Reading, as_read, latent_mean, readings
+from sensorlab.gap.readings import (
+    Reading, adds_noise, as_read, latent_mean, readings)
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared
@@ -112,7 +113,7 @@ EXPECTED = 18    # parts of the work, as `say` counts them, where nothing is fou
 def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     """`diagnose`, of a scene and a simulator that have been checked."""
     say("measuring where it differs", 2)
-    shared, new = _readings(raw, simulator)
+    shared, new = _readings(raw, simulator, simulated is not None)
     full, known, free, bases = _without_known(simulator, raw, latent_mean(
         raw.y, [r.found for r in shared + new]))
     base = _with_readings(full, bases, free, shared)
@@ -330,13 +331,19 @@ def expected_mean(hypotheses, dt, samples):
     return float(np.sqrt(np.mean(means**2)))
 
 
-def _readings(raw, simulator):
-    """Readings that the simulator has, as the record shows them, and further ones."""
+def _readings(raw, simulator, measured):
+    """Readings that the simulator has, as the record shows them, and further ones.
+
+    Where the simulator was `measured`, as the record was, both were rounded by the same
+    sensor: a record that lies on no lattice was added to since.
+    """
     own = {one.name: one for one in simulator.pairs[0][1] if one.effect.reading}
     seen = {r.found.name: r for r in readings(raw)}
     shared = {name: r._replace(log_bayes=0.0) for name, r in seen.items()
               if name in own and _alike(own[name].values, r.found.values)}
-    absent = [Reading(one, 0.0, np.zeros(len(raw.y), bool), False)
+    absent = [Reading(one, 0.0, np.zeros(len(raw.y), bool), False,
+                      measured and name == "quantization"
+                      and adds_noise(raw.y, one.values["lsb"]))
               for name, one in own.items() if name not in seen and name != "stuck"]
     return (*shared.values(), *absent), tuple(
         r for name, r in seen.items() if name not in shared)

@@ -326,7 +326,7 @@ class _Ruler(NamedTuple):
         """
         usable = np.isfinite(T).all(0) & np.isfinite(stats.value[0])
         if any(r.moved for r in self.fit.setting.acc.readings):
-            usable &= ~stats.ties    # what was added to rounded values leaves none
+            usable &= ~stats.of_rounding    # what was added to rounded values hides it
         T = np.where(usable, T, 0.0)    # no two clusters may be without a gap
         middle, d = s.mean(0), s.shape[1]
         # singular gains are left out

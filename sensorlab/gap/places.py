@@ -70,9 +70,13 @@ class Statistics(NamedTuple):
     __repr__ = brief
 
     @property
-    def ties(self):
-        """Which of them counts repeated values, (S,)."""
-        return (np.array(self.place) == "amplitude") & (self.at == 0.0).all(1)
+    def of_rounding(self):
+        """Which of them hang on how and when values were rounded, (S,): how many are
+        repeated, and their law but for its tails.
+        """
+        low, high = self.at.T
+        return (np.array(self.place) == "amplitude") & (low < TAILS[0]) & (
+            high > -TAILS[0])
 
 
 class _One(NamedTuple):

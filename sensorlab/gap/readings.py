@@ -80,6 +80,14 @@ def lattice_and_noise(y):
     return lsb, _less_rounding(np.sqrt(np.mean(np.diff(seen)**2) / 2.0), lsb)
 
 
+def adds_noise(y, lsb):
+    """Is rounding to multiples of lsb about a further white noise for a record that
+    lies on no lattice, or does it hide more?
+    """
+    _, noise = lattice_and_noise(y)
+    return bool(lsb <= HIDING * _less_rounding(noise, lsb))
+
+
 def _less_rounding(noise, lsb):
     """Standard deviation of a noise without what rounding adds."""
     return np.sqrt(max(noise**2 - lsb**2 / 12.0, 0.0))

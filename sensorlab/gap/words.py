@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.catalogue import CATALOGUE, lattice_between
 from sensorlab.gap.causes import LISTED_FROM
 from sensorlab.gap.closure import LAGS
 from sensorlab.gap.places import FAR_OUT, UNITS
@@ -153,7 +153,7 @@ def places_table(d):
 def at(s, i):
     """Where statistic number i looks, as text."""
     (low, high), unit = s.at[i], s.column[i] or UNITS[s.place[i]]
-    if s.ties[i]:
+    if s.place[i] == "amplitude" and low == high == 0.0:
         return "equal neighbours"
     if s.place[i] == "amplitude" and max(-low, high) >= FAR_OUT:
         if high - low >= 2.0 * FAR_OUT:
@@ -249,9 +249,13 @@ def advice(d, unit):
                    f"probability {one.share:.2f} among its forms; its size is of that")
     for r in d.final.readings:
         if r.moved:
-            yield (f"neighbours are multiples of {number(r.found.values['lsb'], 3)} "
-                   f"{unit} apart, the record as a whole is not: something was added "
-                   "to it after it was rounded")
+            lsb = f"multiples of {number(r.found.values['lsb'], 3)} {unit}"
+            neighbours = lattice_between(d.scene.y + d.scene.known)
+            yield (f"neighbours are {lsb} apart, the record as a whole is not: "
+                   "something was added to it after it was rounded" if neighbours else
+                   f"the simulator rounds to {lsb}, the record lies on none: something "
+                   "was added to it after it was rounded; how its values are rounded "
+                   "is not compared")
     for column in {s.found.column for s in d.final.signatures if s.found.column}:
         low, high = clusters(d.scene.columns[column])
         if high:
