@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from sensorid import LOG_2PI
 from sensorlab.gap.account import account
 from sensorlab.gap.distance import distance
+from sensorlab.gap.kernels import row_products
 from sensorlab.gap.readings import as_read
 
 MIN_WAYS = 40           # simulated records that make an interval
@@ -108,6 +109,16 @@ def held_out(scene, start, final, trials=None, seed=0):
                    _flexible_gain(seen, cut, score[0]), *ratio, closure(*gaps))
 
 
+def regression(rows, y):
+    """Coefficients (K,) of least squares of y (n,) on rows (K, n), by products: the
+    threads of a library of matrices spin while they wait.
+    """
+    size = np.sqrt(np.einsum("kn, kn -> k", rows, rows)) + 1e-300
+    unit = rows / size[:, None]
+    return np.linalg.lstsq(row_products(unit, unit), row_products(
+        unit, y[None])[:, 0])[0] / size
+
+
 LAGS = 32    # samples back that the flexible regression looks
 
 
@@ -115,16 +126,17 @@ def _flexible_gain(scene, cut, score):
     """Log score of a regression on the samples before and all columns, over that of
     another model `score` (N - cut,), nats a sample; NaN where there is too little data.
     """
-    back = np.column_stack([np.ones_like(scene.y), *scene.columns.values(), *(
+    back = np.vstack([np.ones_like(scene.y), *(
+        x - x.mean() for x in scene.columns.values()), *(
         np.roll(scene.y, lag) for lag in range(1, LAGS + 1))])
-    whole = ~np.isnan(back).any(1) & ~np.isnan(scene.y)
+    whole = ~np.isnan(back).any(0) & ~np.isnan(scene.y)
     whole[:LAGS] = False
     early, late = whole.copy(), whole.copy()
     early[cut:], late[:cut] = False, False
-    if early.sum() <= 2 * back.shape[1] or not late.any():
+    if early.sum() <= 2 * len(back) or not late.any():
         return np.nan
-    c, *_ = np.linalg.lstsq(back[early], scene.y[early])
-    residual = scene.y - back @ c
-    variance = np.sum(residual[early]**2) / (early.sum() - back.shape[1])
+    residual = scene.y - np.einsum("k, kn -> n", regression(
+        back[:, early], scene.y[early]), back)
+    variance = np.sum(residual[early]**2) / (early.sum() - len(back))
     density = -0.5 * (LOG_2PI + np.log(variance) + residual[late]**2 / variance)
     return float(np.mean(density - score[late[cut:]]))

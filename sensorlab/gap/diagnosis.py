@@ -123,9 +123,12 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         before = less_shared(alone, own.distances)
 
     def measured(acc, near=None, trials=trials, before=alone):
-        say("measuring what is left", 2)
         gap = _surely(full, acc, trials, seed + 1, before, near)
         return less_shared(gap, own.distances, before) if own else gap
+
+    def glanced(acc, near=None):
+        say("measuring what is left", 2)
+        return measured(acc, near, trials or enough_trials(full), None)
     start = _with_readings(full, bases, free, shared + new) if new else base
     found = Cause(tuple(r.found._replace(values={
         symbol: (value, 0.0) for symbol, value in r.found.values.items()})
@@ -135,7 +138,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         return _described(full, done, before, measured)
 
     def sought(effects):
-        return described(search(full, start, found, effects, before, measured,
+        return described(search(full, start, found, effects, before, glanced,
                                 own.show if own else lambda *_: False))
     by = sought(effects)
     causes = all_causes(by.search, start, before, by.rest, [
@@ -144,7 +147,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     if not names_all(verdict, by.found):
         names = set(names_in(verdict))
         if names <= {"unknown", *(one.name for one in by.found)}:
-            by = described(narrowed(full, by.search, names, measured))
+            by = described(narrowed(full, by.search, names, glanced))
         else:    # a rival of what is named was the first
             named = sought([e for e in effects if e.name in names])
             by = named if names_all(verdict, named.found) else by
@@ -181,6 +184,8 @@ class _Described(NamedTuple):
 def _described(full, done, before, measured):
     """`_Described` of a search, its effects estimated together."""
     path = estimated_together(full, done.account, done.path)
+    if done.after is not before:
+        done = done._replace(after=measured(done.account, done.after))
     done = done._replace(path=path, leaves={
         **done.leaves, path.effect: done.leaves[path.effect]._replace(
             found=path.found)})

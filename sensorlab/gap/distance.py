@@ -45,6 +45,7 @@ class Gap(NamedTuple):
 class Drawn(NamedTuple):
     """Some simulated records, as they are measured."""
 
+    first: int                # number of the first
     statistics: np.ndarray    # (B, S)
     gains: np.ndarray         # (B, d)
     beside: np.ndarray        # (B, S) distances from another simulator, or None
@@ -106,7 +107,7 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     is taken away, but the simulated records have parameters drawn from the posterior.
     With `before`, the gap to another simulator, the simulated records are held against
     that one as well. `near` is the gap to a like account, if it is known; of this very
-    account, its simulated records are the first.
+    account and with this seed, its simulated records are the first.
     """
     trials = trials or enough_trials(scene)
     again = near is not None and near.ruler.fit.setting.acc is acc
@@ -127,10 +128,17 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     def measured(number):
         read = setting.drawn(simulator, min(block, trials - number), seed, number)
         _, part, gains = ruler.laid(*read)
-        return Drawn(part.value, gains, None if before is None else
+        return Drawn(number, part.value, gains, None if before is None else
                      before.ruler.measured(read[0]))
+
+    def beside(part):
+        if before is None or part.beside is not None:
+            return part
+        read, _ = setting.drawn(simulator, len(part.gains), seed, part.first)
+        return part._replace(beside=before.ruler.measured(read))
     known = sum(len(part.gains) for part in drawn)
-    drawn += side_by_side(measured, range(known, trials, block))
+    drawn = side_by_side(beside, drawn) + side_by_side(
+        measured, range(known, trials, block))
     ruler, null = ruler.marked(np.vstack([part.statistics for part in drawn]),
                                np.vstack([part.gains for part in drawn]), stats)
     d = ruler.distances(stats.value, gain)[0]

@@ -7,7 +7,7 @@ needed even where it is described in any way that does not describe the effect i
 
 import numpy as np
 
-from sensorlab.gap.closure import standing_out
+from sensorlab.gap.closure import regression, standing_out
 from sensorlab.gap.places import PLACES, SHIFTS
 
 NEEDED_NATS = 3.0    # that an effect must gain
@@ -93,8 +93,8 @@ def _described(gap, lags, spans, curves=False):
     if curves:
         known += [curve[seen] for curve in gap.ruler.held.white[SHIFTS:]]
     if known:
-        known = np.column_stack(known)
-        e = e - known @ np.linalg.lstsq(known, e)[0]
+        known = np.vstack(known)
+        e = e - np.einsum("k, kn -> n", regression(known, e), known)
     variance = np.concatenate([np.full(len(part), np.mean(part**2) + 1e-12)
                                for part in np.array_split(e, spans) if len(part)])
     return seen, e, variance

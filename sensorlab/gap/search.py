@@ -32,18 +32,18 @@ class Search(NamedTuple):
     __repr__ = brief
 
 
-def search(full, start, readings, effects, before, measured, shared):
+def search(full, start, readings, effects, before, glanced, shared):
     """`Search` from an account with the readings of a record on, which are a `Cause`,
     until nothing more is found.
 
-    `measured` gives the `Gap` to an account, quicker beside that to a like one;
+    `glanced` gives the `Gap` to an account, quicker beside that to a like one;
     `shared` tells whether the simulator's own records show an effect, too: then it is
     described, but nothing that is missing.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     added, doubtful, leaves, after, left, lesser = 0, 0, {}, before, 0.0, {}
     if path.found:
-        after = measured(acc)
+        after = glanced(acc)
     for _ in range(0 if any(r.opaque for r in start.readings) else MAX_LOOKS):
         if added == MAX_EFFECTS or doubtful == MAX_DOUBTFUL:
             break
@@ -61,27 +61,27 @@ def search(full, start, readings, effects, before, measured, shared):
             if one.effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
                                                *acc.signatures[:-1]))
-            after = measured(acc, after)
+            after = glanced(acc, after)
             continue
         added += 1
         acc, path = look.account, _joined(path, found[0])
         leaves.pop(path.effect)
         acc, lesser, path, leaves = _without_needless(full, acc, path, leaves,
                                                       look.prior)
-        last, after = after, measured(acc, after)
+        last, after = after, glanced(acc, after)
         needed = stays_needed(path.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
     return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left)
 
 
-def narrowed(full, done, names, measured):
+def narrowed(full, done, names, glanced):
     """A search with only those effects of its path that have certain names."""
     acc, lesser, path = done.account, done.lesser, done.path
     for number, one in reversed(list(enumerate(path.found))):
         if one.name not in names:
             acc, path = _less(full, acc, lesser, path, number)
             lesser = {}
-    return Search(acc, lesser, path, {path.effect: path}, measured(acc), done.left)
+    return Search(acc, lesser, path, {path.effect: path}, glanced(acc), done.left)
 
 
 def _less(full, acc, lesser, path, number):
