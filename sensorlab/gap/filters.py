@@ -214,8 +214,10 @@ def _through_mixtures(h, own, H, theta, y, out):
         np.column_stack(jumps[2:]), out)
 
 
-def predict(h, scene, signatures, theta, y=None):
-    """`Predicted` of the record of a scene, or of others like it, y (R, N)."""
+def predict(h, scene, signatures, theta, y=None, whole=True):
+    """`Predicted` of the record of a scene, or of others like it, y (R, N); if not the
+    `whole`, without what is known of single samples beside their scores.
+    """
     y = scene.y[None] if y is None else y
     own, H = with_constants(h, scene, signatures, theta)
     (R, N), M = y.shape, len(theta)
@@ -227,10 +229,11 @@ def predict(h, scene, signatures, theta, y=None):
         log_score *= -0.5
         return Predicted(np.nansum(log_score, axis=2), _within_limits(z),
                          np.broadcast_to(np.nan, z.shape), log_score)
-    out = np.full((R, M, 4, N), np.nan)
+    out = np.full((R, M, 4 if whole else 2, N), np.nan)
     total = _through_mixtures(h, own, H, theta, y, out)
     z = normal_score(out[:, :, 0], out[:, :, 1]) if h.has_jumps else out[:, :, 0]
-    return Predicted(total, _within_limits(z), out[:, :, 2], out[:, :, 3])
+    return Predicted(total, _within_limits(z), *(
+        (out[:, :, 2], out[:, :, 3]) if whole else (None, None)))
 
 
 def _within_limits(z):
@@ -244,8 +247,8 @@ SCORE_LIMIT = 37.0    # standard deviations: no normal score of double precision
 def normal_score(below, above):
     """Normal score of a value with these probabilities below and above it."""
     with np.errstate(divide="ignore"):
-        score = np.where(below < above, ndtri(below), -ndtri(above))
-    return np.clip(score, -SCORE_LIMIT, SCORE_LIMIT)
+        score = ndtri(np.minimum(below, above))
+    return np.clip(np.where(below < above, score, -score), -SCORE_LIMIT, SCORE_LIMIT)
 
 
 def log_likelihoods(h, scene, signatures, theta):

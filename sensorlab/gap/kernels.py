@@ -283,7 +283,7 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out):
 
     y (R, N), H, own, pair, later and r as for `plain_filters`; outlier (M, 2) = rate,
     variance; jump (M, 2) = probability of a change of level, half the distance of the
-    levels (0: one level). out (R, M, 4 or 0, N) gets of every sample the predictive
+    levels (0: one level). out (R, M, 0, 2 or 4, N) gets of every sample the predictive
     probabilities below and above it, that of its being an outlier, and its log density;
     where nothing jumps, its normal score in place of the first.
 
@@ -387,10 +387,11 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                     gain[g], shrink[g] = seen[g] * k * nu[level, g], seen[g] * less
                 update_state(x[level], Ph[level], gain)
                 update_covariance(P[level], Ph[level], shrink)
-            for g in range(number * rows // 4):
+            for g in range(number if rows else 0):
                 if seen[g] > 0.0:
-                    out[record[g], node[g], 3, i] = (
-                        np.log(mass[g]) - least[g] - 0.5 * LOG_2PI)
+                    if rows == 4:
+                        out[record[g], node[g], 3, i] = (
+                            np.log(mass[g]) - least[g] - 0.5 * LOG_2PI)
                     if levels * kinds == 1:
                         out[record[g], node[g], 0, i] = nu[0, g] * np.sqrt(
                             per_f[0, 0, g])
@@ -399,7 +400,8 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                                                     nu)
                     out[record[g], node[g], 0, i] = below
                     out[record[g], node[g], 1, i] = above
-                    out[record[g], node[g], 2, i] = odd
+                    if rows == 4:
+                        out[record[g], node[g], 2, i] = odd
         for g in range(number):
             total[record[g], node[g]] = -log_f[g]
 
@@ -435,8 +437,10 @@ def _sample_law(g, rate, prior, weight, wild, per_f, nu):
         for kind in range(per_f.shape[1]):
             part = 0.5 * prior[level, g] * (rate[g] if kind else 1.0 - rate[g])
             e = nu[level, g] * np.sqrt(0.5 * per_f[level, kind, g])
-            below += part * math.erfc(-e)
-            above += part * math.erfc(e)
+            tail = part * math.erfc(abs(e))
+            rest = 2.0 * part - tail
+            below += rest if e > 0.0 else tail
+            above += tail if e > 0.0 else rest
     return below, above, odd
 
 
