@@ -44,6 +44,17 @@ def test_values_meet_by_chance_on_a_lattice_that_was_moved(shape):
     assert stuck.found.values["spans"] == [[700.0, 30]]
 
 
+def test_values_meet_by_chance_in_the_part_that_nothing_was_added_to():
+    rng = np.random.default_rng(10)
+    y = 0.06 * np.round(0.5 * rng.standard_normal(4000) / 0.06)
+    y[2000:] += 0.3 * rng.standard_normal(2000)
+    assert readings._runs(np.diff(y) == 0.0)[1].max() >= 2    # by chance
+    assert readings.readings(Scene(y, DT, {})) == ()
+    y[700:730] = y[700]
+    (stuck,) = readings.readings(Scene(y, DT, {}))
+    assert stuck.found.values["spans"] == [[700.0, 30]]
+
+
 def polled(y, rate, phase):
     """What a logger reads of a sensor that gives `rate` samples to each of its own."""
     last, result, k = None, [], -1

@@ -213,9 +213,12 @@ def _stuck(y, lsb, noise, clipped):
     """
     same = np.append(False, np.diff(y) == 0.0) & ~clipped
     start, length = _runs(same)
-    enough = 2
     if lsb:    # a value in the middle of its cell stays there by chance
         tie = math.erf(lsb / max(2.0 * np.sqrt(2.0) * noise, 1e-9 * lsb))
+    else:    # what a part of the record, or neighbours, lie on is no lattice of it
+        tie = np.sum(length == 1) / len(y)
+    enough = 2.0
+    if tie:
         enough = (max(2.0, np.log(1e-4 / len(y)) / np.log(tie)) if lsb < 2.0 * noise
                   else np.inf)
     spans = [(begin - 1, n + 1) for begin, n in zip(start, length) if n >= enough]
