@@ -1077,26 +1077,29 @@ def _innovations_abreast(y, first, entries, apart, Phi, H, gain, x, nu):
                 x[s, g] = 0.0
 
 
-@njit(parallel=True, **JIT)
-def _advance_abreast(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x, P,
-                     sums, products):
+def _advance_abreast(y, observed, last_gap, first, pairs, entries, *groups):
     """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), n <= 6,
     nodes abreast.
 
-    y (C + 1, n_samples) whose last row is ones; Phi, Q (groups, 1 or N, n, n, M), H
-    (groups, 1 or N, n, M), r (groups, 1 or N, M); entries (K, 2) rows and columns of
-    Phi that are not zero; filtered state x (groups, C + 1, n, M) and covariance P
-    (groups, n, n, M); sums (groups, C + 1, 2, M) of nu^2/f and nu mu/f, the last row
-    information and log_det; products (groups, P, M) of nu nu/f of pairs (P, 2) of
-    records.
+    y (C + 1, n_samples) whose last row is ones; entries (K, 2) rows and columns of Phi
+    that are not zero. Of every group: Phi, Q (1 or N, n, n, M), H (1 or N, n, M), r
+    (1 or N, M); filtered state x (C + 1, n, M) and covariance P (n, n, M); sums
+    (C + 1, 2, M) of nu^2/f and nu mu/f, the last row information and log_det; products
+    (P, M) of nu nu/f of pairs (P, 2) of records.
+
+    A parallel loop of Numba would compile `_advance_group`, the longest of all, twice.
     """
-    for group in prange(len(x)):
-        _advance_group(y, observed, last_gap, first, pairs, entries, Phi[group],
-                       Q[group], H[group], r[group], x[group], P[group], sums[group],
-                       products[group])
+    def advance(group):
+        _advance_group(y, observed, last_gap, first, pairs, entries, *group)
+    threads = min(get_num_threads(), len(groups[0]))
+    if threads == 1:
+        list(map(advance, zip(*groups)))
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(advance, zip(*groups)))
 
 
-@njit(**JIT)
+@njit(nogil=True, **JIT)
 def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x, P,
                    sums, products):
     """One group of `_advance_abreast`. Once P no longer changes, gain and f are
