@@ -1269,7 +1269,7 @@ def _sums(b, y, observed, stops, pairs):
         (begin, end, np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1))
         for begin, end in zip([0, *stops[:-1]], stops)]
     run = (_sums_abreast if not _is_scalar(b) else _sums_pairs if len(pairs)
-           else _sums_record if len(y) == 1 else _sums_trials)
+           else _sums_records if len(y) == 1 else _sums_trials)
     parts, done = run(b, y, observed, stretches, pairs), 0
     for end in stops:
         with _no_more_threads_than(-(-len(b.r) // GROUP) * len(y) * (end - done)):
@@ -1346,15 +1346,18 @@ def _scalar_nodes(b, size=GROUP):
     return np.stack([a, q, r, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero], 1)
 
 
-def _sums_record(b, y, observed, stretches, _):
-    node, memory = _scalar_nodes(b)
-    state = np.zeros((len(node), 3, GROUP))
+def _sums_records(b, y, observed, stretches, _):
+    node, start = _scalar_nodes(b)
+    state = np.zeros((len(y), len(node), 3, GROUP))
     for begin, end, last_gap in stretches:
-        _advance_record(y[0, begin:end], observed[begin:end], last_gap,
-                        node, memory, state.reshape(len(node), -1))
-        yield (*(part.reshape(1, -1)[:, :len(b.r)]
-                 for part in (state[:, 1], state[:, 2])),
-               *(part.ravel()[:len(b.r)] for part in (memory[:, 2], memory[:, 3])))
+        for own, record in zip(state, y):
+            memory = start.copy()
+            _advance_record(record[begin:end], observed[begin:end], last_gap, node,
+                            memory, own.reshape(len(node), -1))
+        start = memory
+        yield (*(state[:, :, part].reshape(len(y), -1)[:, :len(b.r)]
+                 for part in (1, 2)),
+               *(memory[:, part].ravel()[:len(b.r)] for part in (2, 3)))
 
 
 PIECE = 128 * TILE    # samples whose lanes are laid side by side at a time
@@ -1382,9 +1385,12 @@ def _sums_trials(b, y, observed, stretches, _):
 
 def _sums_pairs(b, y, observed, stretches, pairs):
     """2 r's = (r + s)'(r + s) - r'r - s's: the one-state kernels give squares."""
-    C, (one, other) = len(y), pairs.T
-    for chi2, score, *rest in _sums_trials(b, np.vstack([y, y[one] + y[other]]),
-                                           observed, stretches, pairs):
+    (C, M), (one, other) = (len(y), len(b.r)), pairs.T
+    rows = np.vstack([y, y[one] + y[other]])
+    # records, or nodes, lie side by side: what leaves fewer lanes idle
+    run = (_sums_records if len(rows) * -(-M // GROUP) < M * -(-len(rows) // LANES)
+           else _sums_trials)
+    for chi2, score, *rest in run(b, rows, observed, stretches, pairs):
         yield (chi2[:C], score[:C], *rest,
                0.5 * (chi2[C:] - chi2[one] - chi2[other]))
 
