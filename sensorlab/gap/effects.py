@@ -1,5 +1,6 @@
 """What an effect is; a simulator with effects, and the records that it draws."""
 
+import functools
 from typing import Callable, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ class Scene(NamedTuple):
     @property
     def time(self):
         """Time since the first sample, s."""
-        return self.dt * np.arange(len(self.y))
+        return _times(len(self.y), self.dt)
 
     @property
     def duration(self):
@@ -39,6 +40,13 @@ class Scene(NamedTuple):
         step = np.abs(np.diff(self.y[~np.isnan(self.y)]))
         scale = np.median(step) / 0.6745 or np.sqrt(np.mean(step**2))
         return scale / np.sqrt(2.0)
+
+
+@functools.lru_cache(maxsize=2)    # asked for thousands of times
+def _times(samples, dt):
+    time = dt * np.arange(samples)
+    time.setflags(write=False)
+    return time
 
 
 class Jumps(NamedTuple):
