@@ -117,7 +117,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     full, known, free, bases = _without_known(simulator, raw, latent_mean(
         raw.y, [r.found for r in shared + new]))
     base = _with_readings(full, bases, free, shared)
-    before = alone = _surely(full, base, trials, seed)
+    before = alone = distance(full, base, trials, seed)
     own = None if simulated is None else Twins(full, base, simulated, seed)
     if own:
         before = less_shared(alone, own.distances)
@@ -141,6 +141,11 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         return described(search(full, start, found, effects, before, glanced,
                                 own.show if own else lambda *_: False))
     by = sought(effects)
+    if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it
+        nothing = by.search.after is before
+        alone = _surely(full, base, trials, seed, near=alone)
+        before = less_shared(alone, own.distances) if own else alone
+        by = described(by.search._replace(after=before if nothing else by.search.after))
     causes = all_causes(by.search, start, before, by.rest, [
         one for one, part in zip(by.found, by.parts) if part.stays])
     verdict = verdict_of(causes)
