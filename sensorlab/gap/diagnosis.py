@@ -117,14 +117,15 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     full, known, free, bases = _without_known(simulator, raw, latent_mean(
         raw.y, [r.found for r in shared + new]))
     base = _with_readings(full, bases, free, shared)
-    before = alone = distance(full, base, trials, seed)
+    alone = distance(full, base, trials, seed)
     own = None if simulated is None else Twins(full, base, simulated, seed)
-    if own:
-        before = less_shared(alone, own.distances)
+
+    def unshared(gap, before=None):
+        return less_shared(gap, own.distances, before) if own else gap
+    before = unshared(alone)
 
     def measured(acc, near=None, trials=trials, before=alone):
-        gap = _surely(full, acc, trials, seed + 1, before, near)
-        return less_shared(gap, own.distances, before) if own else gap
+        return unshared(_surely(full, acc, trials, seed + 1, before, near), before)
 
     def glanced(acc, near=None):
         say("measuring what is left", 2)
@@ -143,9 +144,8 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     by = sought(effects)
     if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it
         nothing = by.search.after is before
-        alone = _surely(full, base, trials, seed, near=alone)
-        before = less_shared(alone, own.distances) if own else alone
-        by = described(by.search._replace(after=before if nothing else by.search.after))
+        before = unshared(_surely(full, base, trials, seed, near=alone))
+        by = described(by.search._replace(after=before) if nothing else by.search)
     causes = all_causes(by.search, start, before, by.rest, [
         one for one, part in zip(by.found, by.parts) if part.stays])
     verdict = verdict_of(causes)

@@ -122,7 +122,7 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     simulator = setting.simulator(
         *(acc.sample.nodes(POSTERIOR_NODES) if first else [truth]))
     ruler = _Ruler(fit, held)
-    real, stats, gain = ruler.laid(scene.y[None], setting.own)
+    real, stats, gain = ruler.laid(scene.y[None], setting.own, True)
     block = int(np.clip(BLOCK // len(scene.y), 1, -(-trials // 2)))
 
     def measured(number):
@@ -318,12 +318,14 @@ class _Ruler(NamedTuple):
 
     __repr__ = brief
 
-    def laid(self, read, masked):
-        """`Predicted`, statistics and gains of records, as read and as masked."""
+    def laid(self, read, masked, whole=False):
+        """`Predicted`, the `whole` or not, statistics and gains of records, as read and
+        as masked.
+        """
         setting = self.fit.setting
         acc, first = setting.acc, setting.first
         part = predict(acc.member, setting.scene, acc.signatures, acc.theta[None],
-                       masked)
+                       masked, whole)
         return part, statistics(
             part.z[:, 0, first:], read[:, first:], setting.late, self.held
         ), self.fit.gains(masked, part.log_likelihood if acc.member.has_jumps else None)
