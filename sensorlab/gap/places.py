@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.fft import prev_fast_len
+from scipy.fft import next_fast_len, prev_fast_len
 from scipy.special import (
     chdtr, chdtrc, eval_legendre, log_ndtr, ndtr, ndtri, ndtri_exp, pdtr, pdtrc)
 
@@ -192,11 +192,16 @@ def _parts(scene, count):
 
 
 def _power(r, part):
-    """Periodograms (R, F) of a part of the residuals, of as many of its samples as have
-    no large prime: it would take ten times as long.
+    """Periodograms (R, F) of a part of the residuals, with a few samples more if that
+    leaves a length without large primes, which take ten times as long; of all of them,
+    with a few less.
     """
-    part = slice(part.start, part.start + prev_fast_len(
-        part.stop - part.start, real=True))
+    N = r.z.shape[1]
+    length = next_fast_len(part.stop - part.start)
+    if length > N:
+        length = prev_fast_len(N)
+    first = min(part.start, N - length)
+    part = slice(first, first + length)
     line = np.fft.rfft(r.z[:, part])
     return (line.real**2 + line.imag**2) / np.maximum(
         r.seen[:, part].sum(1), 1)[:, None]
@@ -205,8 +210,7 @@ def _power(r, part):
 def _in_frequency(r):
     """Power, and the largest line, in bands of even width on a logarithmic axis."""
     power = _power(r, slice(0, len(r.scene.y)))
-    frequency = np.fft.rfftfreq(
-        prev_fast_len(len(r.scene.y), real=True), r.scene.dt)
+    frequency = np.fft.rfftfreq(prev_fast_len(len(r.scene.y)), r.scene.dt)
     edges = np.unique(np.round(np.geomspace(1, len(frequency), 14)).astype(int))
     for low, high in itertools.pairwise(edges):
         band, n = power[:, low:high], high - low

@@ -68,7 +68,7 @@ class Spectrum(NamedTuple):
 def residual_spectrum(h, scene, signatures, theta):
     """`Spectrum` of a member at theta (p,)."""
     z = predict(h, scene, signatures, theta[None]).z[0, 0]
-    z = z[:prev_fast_len(len(z), real=True)]
+    z = z[:prev_fast_len(len(z))]
     inside = slice(1, (len(z) + 1) // 2)    # both ends have one degree of freedom only
     frequency = np.fft.rfftfreq(len(z), scene.dt)[inside]
     power = np.abs(np.fft.rfft(np.nan_to_num(z))[inside])**2 / np.sum(~np.isnan(z))
