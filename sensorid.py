@@ -129,6 +129,19 @@ def as_samples(y):
     return np.asarray(y, float)
 
 
+def side_by_side(function, items):
+    """function(item) of every item, in their order; as many at a time as there are
+    threads, each of which has no further ones. What runs long in it must leave the
+    interpreter to the others.
+    """
+    threads = min(get_num_threads(), len(items))
+    if threads <= 1:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(threads, initializer=set_num_threads,
+                            initargs=(1,)) as pool:
+        return list(pool.map(function, items))
+
+
 def brief(self):
     """repr of a result: what is long by its size."""
     def shown(value):
@@ -543,9 +556,8 @@ def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
     if samples <= SHORT:
         for row in range(trials):
             draw(row)
-    else:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:    # NumPy draws without the
-            list(pool.map(draw, range(trials)))             # lock
+    else:    # NumPy draws without the lock
+        side_by_side(draw, range(trials))
     return Trials(error, number, theta)
 
 
@@ -1089,14 +1101,8 @@ def _advance_abreast(y, observed, last_gap, first, pairs, entries, *groups):
 
     A parallel loop of Numba would compile `_advance_group`, the longest of all, twice.
     """
-    def advance(group):
-        _advance_group(y, observed, last_gap, first, pairs, entries, *group)
-    threads = min(get_num_threads(), len(groups[0]))
-    if threads == 1:
-        list(map(advance, zip(*groups)))
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(advance, zip(*groups)))
+    side_by_side(lambda group: _advance_group(
+        y, observed, last_gap, first, pairs, entries, *group), list(zip(*groups)))
 
 
 @njit(nogil=True, **JIT)

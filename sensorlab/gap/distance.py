@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import brief, free_columns
+from sensorid import brief, free_columns, side_by_side
 from sensorlab.gap.account import as_simulated, gaussian
 from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import (
     BLOCK, LONG_RECORD, Scene, Simulator, simulate_effects)
 from sensorlab.gap.filters import filtered, predict
-from sensorlab.gap.kernels import LANES, side_by_side
+from sensorlab.gap.kernels import LANES
 from sensorlab.gap.places import PLACES, Held, Statistics, probes, statistics
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
 

@@ -27,7 +27,7 @@ class Scene(NamedTuple):
 
     @property
     def time(self):
-        """Time since the first sample, s."""
+        """Time since the first sample, s; not to be written to."""
         return _times(len(self.y), self.dt)
 
     @property
@@ -42,7 +42,7 @@ class Scene(NamedTuple):
         return scale / np.sqrt(2.0)
 
 
-@functools.lru_cache(maxsize=2)    # asked for thousands of times
+@functools.lru_cache(maxsize=4)    # asked for thousands of times
 def _times(samples, dt):
     time = dt * np.arange(samples)
     time.setflags(write=False)

@@ -24,7 +24,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import get_num_threads, njit, set_num_threads
+from numba import get_num_threads, njit
 
 from sensorid import DUST, JIT, LOG_2PI
 
@@ -51,19 +51,6 @@ def in_threads(kernel, count, *arguments):
         return kernel(0, count, *arguments)
     list(_pool().map(lambda k: kernel(ends[k], ends[k + 1], *arguments),
                      range(threads)))
-
-
-def side_by_side(function, items):
-    """function(item) of every item, in their order; as many at a time as there are
-    threads, each of which has no further ones. What runs long in it must leave the
-    interpreter to the others.
-    """
-    threads = min(get_num_threads(), len(items))
-    if threads <= 1:
-        return [function(item) for item in items]
-    with ThreadPoolExecutor(threads, initializer=set_num_threads,
-                            initargs=(1,)) as pool:
-        return list(pool.map(function, items))
 
 
 def lanes_for(count, most=MOST_LANES):

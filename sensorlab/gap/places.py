@@ -178,7 +178,7 @@ def _in_time(r):
         yield _One(*ends, z.sum(1) / np.sqrt(n))
         yield _One(*ends, _chi2_score(np.einsum("ri, ri -> r", z, z), n))
     for part, ends in _parts(r.scene, int(np.clip(N // 256, 1, 12))):
-        power = _power(r, part)[:, 1:]
+        power = _power(r, part)[1][:, 1:]
         yield _One(*ends, _largest_score(-power.max(1), len(power[0])))
         for band in np.array_split(power, 4, axis=1):
             yield _One(*ends, _chi2_score(2.0 * band.sum(1), 2 * band.shape[1]))
@@ -192,9 +192,9 @@ def _parts(scene, count):
 
 
 def _power(r, part):
-    """Periodograms (R, F) of a part of the residuals, with a few samples more if that
-    leaves a length without large primes, which take ten times as long; of all of them,
-    with a few less.
+    """Frequencies (F,), Hz, and periodograms (R, F) of a part of the residuals, with a
+    few samples more if that leaves a length without large primes, which take ten times
+    as long; of all of them, with a few less.
     """
     N = r.z.shape[1]
     length = next_fast_len(part.stop - part.start)
@@ -203,14 +203,13 @@ def _power(r, part):
     first = min(part.start, N - length)
     part = slice(first, first + length)
     line = np.fft.rfft(r.z[:, part])
-    return (line.real**2 + line.imag**2) / np.maximum(
-        r.seen[:, part].sum(1), 1)[:, None]
+    return np.fft.rfftfreq(length, r.scene.dt), (line.real**2 + line.imag**2) / (
+        np.maximum(r.seen[:, part].sum(1), 1)[:, None])
 
 
 def _in_frequency(r):
     """Power, and the largest line, in bands of even width on a logarithmic axis."""
-    power = _power(r, slice(0, len(r.scene.y)))
-    frequency = np.fft.rfftfreq(prev_fast_len(len(r.scene.y)), r.scene.dt)
+    frequency, power = _power(r, slice(0, len(r.scene.y)))
     edges = np.unique(np.round(np.geomspace(1, len(frequency), 14)).astype(int))
     for low, high in itertools.pairwise(edges):
         band, n = power[:, low:high], high - low

@@ -12,10 +12,11 @@ from numba import njit
 from scipy.fft import next_fast_len
 from scipy.signal import find_peaks
 
+from sensorid import side_by_side
 from sensorlab.gap.catalogue import MIN_CYCLES, MIN_PULSE
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.evidence import normalized
-from sensorlab.gap.kernels import KERNEL, side_by_side, spectrum
+from sensorlab.gap.kernels import KERNEL, spectrum
 from sensorlab.gap.signatures import (
     Scores, blocks, information, joined, least_squares, mean_bayes, scores_at)
 
