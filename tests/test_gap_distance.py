@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import DT, MODEL
 from numpy.testing import assert_allclose
-from scipy.stats import binom, kstest
+from scipy.stats import binom, kstest, norm
 
 import sensorid
 from sensorlab import CATALOGUE, Scene, Simulator
@@ -50,9 +50,32 @@ def test_statistics_of_lags_and_ties_are_those_of_plain_sums():
     size = np.where(seen, np.minimum(np.abs(z) - np.sqrt(2.0 / np.pi), 5.0), 0.0)
     expected = [(x[:, k:] * x[:, :-k]).sum(1) / np.sqrt(r.count)
                 for k in places.LAGS if k < 50 for x in (z, size)]
-    assert_allclose([one.value for one in places._in_lag(r)], expected, atol=1e-12)
+    found = list(places._in_lag(r, *places._power(r, slice(0, 200))))
+    assert_allclose([one.value for one in found[:len(expected)]], expected, atol=1e-12)
+    circular = [(z * np.roll(z, k, 1)).sum(1) / np.sqrt(r.count) for k in range(65)]
+    octaves = found[len(expected):]
+    for low, one in zip((4, 8, 16, 32), octaves, strict=True):
+        sizes = np.abs(circular[low + 1:2 * low + 1])
+        assert low + 1 + sizes.argmax(0)[0] == round(one.low / DT)
+        p = 1.0 - (1.0 - 2.0 * norm.sf(sizes.max(0)))**low
+        assert_allclose(norm.sf(one.value), p, atol=1e-9)
     *_, ties = places._in_amplitude(r)
     assert ties.value.tolist() == (np.diff(y) == 0.0).sum(1).tolist()
+
+
+def test_what_comes_again_later_stands_out_at_its_lag():
+    rng = np.random.default_rng(5)
+    noise = rng.standard_normal(1525)
+    y = np.cumsum(0.05 * rng.standard_normal(1500)) + 0.5 * (
+        noise[25:] + 0.4 * noise[:-25])
+    scene = Scene(y, DT, {})
+    h = [sensorid.hypothesis("random_walk", sigma_w=(0.02, 0.2), sigma_v=(0.25, 1.0))]
+    found = distance.distance(scene, account.account(scene, members(
+        Simulator(h), scene)))
+    largest = np.abs(found.distance).argmax()
+    assert found.statistics.place[largest] == "lag"
+    assert found.statistics.at[largest].tolist() == [25.0 * DT, 25.0 * DT]
+    assert found.p_value < 1e-6
 
 
 def test_what_was_not_fitted_shows_no_gap_where_there_is_none():

@@ -116,12 +116,13 @@ def statistics(z, y, scene, held):
     """
     seen = ~np.isnan(z)
     r = _Residuals(np.where(seen, z, 0.0), seen, np.maximum(seen.sum(1), 1), y, scene)
+    spectrum = _power(r, slice(0, len(scene.y)))
     level = [(place, _One(*ends, value, column)) for (place, ends, column), value in
              zip(held.listed, row_products(held.white, r.z))]
     every = [*(("time", one) for one in _in_time(r)), *level,
-             *(("frequency", one) for one in _in_frequency(r)),
+             *(("frequency", one) for one in _in_frequency(*spectrum)),
              *(("averaging_time", one) for one in _in_averaging_time(r)),
-             *(("lag", one) for one in _in_lag(r)),
+             *(("lag", one) for one in _in_lag(r, *spectrum)),
              *(("amplitude", one) for one in _in_amplitude(r)),
              *(("covariate", one) for one in _in_covariates(r))]
     return Statistics(np.column_stack([one.value for _, one in every]),
@@ -207,9 +208,8 @@ def _power(r, part):
         np.maximum(r.seen[:, part].sum(1), 1)[:, None])
 
 
-def _in_frequency(r):
+def _in_frequency(frequency, power):
     """Power, and the largest line, in bands of even width on a logarithmic axis."""
-    frequency, power = _power(r, slice(0, len(r.scene.y)))
     edges = np.unique(np.round(np.geomspace(1, len(frequency), 14)).astype(int))
     for low, high in itertools.pairwise(edges):
         band, n = power[:, low:high], high - low
@@ -248,14 +248,26 @@ def _pair_means(y):
 LAGS = 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64    # samples
 
 
-def _in_lag(r):
-    """Correlations of the residuals and of their size."""
+ECHO = 4    # samples: what comes again later than that is sought at every lag
+
+
+def _in_lag(r, frequency, power):
+    """Correlations of the residuals and of their size; the largest by octave of lag,
+    from their periodograms.
+    """
     lags = np.array([k for k in LAGS if k < len(r.scene.y) // 4])
     both = np.zeros((len(lags), 2, len(r.z)))
     in_threads(_lagged, len(r.z), r.z, r.seen, lags, both)
     for k, one in zip(lags * r.scene.dt, both):
         for total in one:
             yield _One(k, k, total / np.sqrt(r.count))
+    length = round(1.0 / (frequency[1] * r.scene.dt))
+    size = np.abs(np.fft.irfft(power, length, axis=1)) * np.sqrt(r.count)[:, None]
+    for k in ECHO * 2**np.arange(int(np.log2(length / (4 * ECHO))) + 1):
+        octave = size[:, k + 1:2 * k + 1]
+        at = (k + 1 + octave.argmax(1)[0]) * r.scene.dt
+        yield _One(at, at, _largest_score(
+            np.log(2.0) + log_ndtr(-octave.max(1)), octave.shape[1]))
 
 
 @njit(**KERNEL)
