@@ -872,26 +872,71 @@ def _trials_abreast(y, a, ak, w, c, g, state):
             state[t] = 0.0
 
 
+@njit(**JIT)
+def _gains_stay(past, node, memory):
+    """Have p and mu of a group stayed the same since their `past`?"""
+    drift = 0.0
+    for g in range(GROUP):
+        drift = max(drift, abs(memory[1, g] - past[1, g]),
+                    abs(memory[0, g] - past[0, g]) / (memory[0, g] + node[2, g]))
+    return drift <= 1e-15
+
+
+@njit(**JIT)
+def _hold(node, memory, ak, w, c):
+    """The constants that `_gains` gives while p and mu stay as they are."""
+    for i in range(len(ak)):
+        for g in range(GROUP):
+            f = memory[0, g] + node[2, g]
+            ak[i, g] = node[0, g] * memory[0, g] / f
+            w[i, g] = 1.0 / f
+            c[i, g] = (1.0 - memory[1, g]) / f
+
+
+@njit(**JIT)
+def _count_steady(samples, node, memory):
+    """Information and log_det of samples through which p and mu stay as they are."""
+    for g in range(GROUP):
+        f, mu = memory[0, g] + node[2, g], 1.0 - memory[1, g]
+        memory[2, g] += samples * mu * mu / f
+        memory[3, g] += samples * np.log(f)
+
+
 @njit(parallel=True, **JIT)
-def _advance_trials(y, observed, node, memory, state):
+def _advance_trials(y, observed, last_gap, node, memory, state):
     """Move a one-state bank on by one stretch of data, trials abreast.
 
     y (blocks, n * LANES) sample-major within a block; node, memory (groups, 4, GROUP)
     as in `_gains`; state (groups, size, blocks, 3 * LANES) of the first `size` nodes of
     each group, which alone are wanted.
     """
-    n = len(observed)
     for group in prange(len(node)):
-        ak, w, c = (np.empty((TILE, GROUP)), np.empty((TILE, GROUP)),
-                    np.empty((TILE, GROUP)))
-        for first in range(0, n, TILE):
-            last = min(first + TILE, n)
-            _gains(observed[first:last], node[group], memory[group], ak, w, c)
-            for block in range(len(y)):
-                tile = y[block, first * LANES:last * LANES]
-                for g in range(state.shape[1]):
-                    _trials_abreast(tile, node[group, 0, g], ak, w, c, g,
-                                    state[group, g, block])
+        _trials_of_group(y, observed, last_gap, node[group], memory[group],
+                         state[group])
+
+
+@njit(nogil=True, **JIT)
+def _trials_of_group(y, observed, last_gap, node, memory, state):
+    """One group of `_advance_trials`. Once p and mu no longer change, gains are
+    constants of the node.
+    """
+    n, steady = len(observed), False
+    ak, w, c = (np.empty((TILE, GROUP)), np.empty((TILE, GROUP)),
+                np.empty((TILE, GROUP)))
+    for first in range(0, n, TILE):
+        last = min(first + TILE, n)
+        if steady:
+            _count_steady(last - first, node, memory)
+        else:
+            past = memory.copy()
+            _gains(observed[first:last], node, memory, ak, w, c)
+            steady = first > last_gap and _gains_stay(past, node, memory)
+            if steady:
+                _hold(node, memory, ak, w, c)
+        for block in range(len(y)):
+            tile = y[block, first * LANES:last * LANES]
+            for g in range(len(state)):
+                _trials_abreast(tile, node[0, g], ak, w, c, g, state[g, block])
 
 
 @njit(**JIT)
@@ -930,39 +975,40 @@ def _steady_abreast(y, a, ak, state):
 def _advance_record(y, observed, last_gap, node, memory, state):
     """Move a one-state bank on by one stretch of one record, nodes abreast.
 
-    Once p and mu no longer change, f, gain and mu are constants of the node: only the
-    innovation is left of the recursion. y (n,); node, memory (groups, 4, GROUP); state
-    (groups, 3 * GROUP).
+    y (n,); node, memory (groups, 4, GROUP); state (groups, 3 * GROUP).
+    """
+    for group in prange(len(node)):
+        _record_of_group(y, observed, last_gap, node[group], memory[group],
+                         state[group])
+
+
+@njit(nogil=True, **JIT)
+def _record_of_group(y, observed, last_gap, node, memory, state):
+    """One group of `_advance_record`. Once p and mu no longer change, f, gain and mu
+    are constants of the node: only the innovation is left of the recursion.
     """
     n = len(observed)
-    for group in prange(len(node)):
-        ak, w, c = (np.empty((TILE, GROUP)), np.empty((TILE, GROUP)),
-                    np.empty((TILE, GROUP)))
-        own, gain, sums = memory[group], np.empty(GROUP), np.zeros(3 * GROUP)
-        first, drift = 0, 1.0
-        while first < n and (drift > 1e-15 or first <= last_gap):
-            last = first + ((n - first) % TILE or TILE)    # the odd tile first
-            past = own.copy()
-            _gains(observed[first:last], node[group], own, ak, w, c)
-            _nodes_abreast(y[first:last], node[group], ak, w, c, state[group])
-            first, drift = last, 0.0
-            for g in range(GROUP):
-                drift = max(drift, abs(own[1, g] - past[1, g]),
-                            abs(own[0, g] - past[0, g])
-                            / (own[0, g] + node[group, 2, g]))
-        if first < n:
-            for g in range(GROUP):
-                f = own[0, g] + node[group, 2, g]
-                gain[g] = node[group, 0, g] * own[0, g] / f
-                sums[g] = state[group, g]
-            _steady_abreast(y[first:], node[group, 0], gain, sums)
-            for g in range(GROUP):
-                f, mu = own[0, g] + node[group, 2, g], 1.0 - own[1, g]
-                state[group, g] = sums[g]
-                state[group, g + GROUP] += sums[g + GROUP] / f
-                state[group, g + 2 * GROUP] += sums[g + 2 * GROUP] * mu / f
-                own[2, g] += (n - first) * mu * mu / f
-                own[3, g] += (n - first) * np.log(f)
+    ak, w, c = (np.empty((TILE, GROUP)), np.empty((TILE, GROUP)),
+                np.empty((TILE, GROUP)))
+    gain, sums = np.empty(GROUP), np.zeros(3 * GROUP)
+    first, steady = 0, False
+    while first < n and not (steady and first > last_gap):
+        last = first + ((n - first) % TILE or TILE)    # the odd tile first
+        past = memory.copy()
+        _gains(observed[first:last], node, memory, ak, w, c)
+        _nodes_abreast(y[first:last], node, ak, w, c, state)
+        first, steady = last, _gains_stay(past, node, memory)
+    if first < n:
+        for g in range(GROUP):
+            gain[g] = node[0, g] * memory[0, g] / (memory[0, g] + node[2, g])
+            sums[g] = state[g]
+        _steady_abreast(y[first:], node[0], gain, sums)
+        for g in range(GROUP):
+            f, mu = memory[0, g] + node[2, g], 1.0 - memory[1, g]
+            state[g] = sums[g]
+            state[g + GROUP] += sums[g + GROUP] / f
+            state[g + 2 * GROUP] += sums[g + 2 * GROUP] * mu / f
+        _count_steady(n - first, node, memory)
 
 
 @njit(**JIT)
@@ -1300,6 +1346,17 @@ def _no_more_threads_than(work):
         set_num_threads(threads)
 
 
+def _by_groups(all_of, one_of, y, observed, last_gap, node, memory, state):
+    """A kernel of all groups of one-state nodes; with one thread that of one group in
+    turn, which leaves the interpreter to others.
+    """
+    if get_num_threads() > 1:
+        all_of(y, observed, last_gap, node, memory, state)
+        return
+    for own in zip(node, memory, state):
+        one_of(y, observed, last_gap, *own)
+
+
 def _abreast(part):
     """Nodes of a bank, first axis, as groups: (groups, ..., M); a copy."""
     # loops around many cost less; of few, two threads have a part
@@ -1358,8 +1415,9 @@ def _sums_records(b, y, observed, stretches, _):
     for begin, end, last_gap in stretches:
         for own, record in zip(state, y):
             memory = start.copy()
-            _advance_record(record[begin:end], observed[begin:end], last_gap, node,
-                            memory, own.reshape(len(node), -1))
+            _by_groups(_advance_record, _record_of_group, record[begin:end],
+                       observed[begin:end], last_gap, node, memory,
+                       own.reshape(len(node), -1))
         start = memory
         yield (*(state[:, :, part].reshape(len(y), -1)[:, :len(b.r)]
                  for part in (1, 2)),
@@ -1374,7 +1432,8 @@ def _sums_trials(b, y, observed, stretches, _):
     node, memory = _scalar_nodes(b, size)
     records, blocks = len(y), -(-len(y) // LANES)
     state = np.zeros((len(node), size, blocks, 3, LANES))
-    for begin, end, _ in stretches:
+    for begin, end, last_gap in stretches:
+        last_gap += begin
         for first in range(begin, end, PIECE):
             last = min(first + PIECE, end)
             # the lanes of a sample lie side by side
@@ -1382,8 +1441,9 @@ def _sums_trials(b, y, observed, stretches, _):
             for block in range(blocks):
                 own = y[block * LANES:(block + 1) * LANES, first:last]
                 lanes[block, :, :len(own)] = own.T
-            _advance_trials(lanes.reshape(blocks, -1), observed[first:last], node,
-                            memory, state.reshape(len(node), size, blocks, -1))
+            _by_groups(_advance_trials, _trials_of_group, lanes.reshape(blocks, -1),
+                       observed[first:last], last_gap - first, node, memory,
+                       state.reshape(len(node), size, blocks, -1))
         yield (*(state[:, :, :, part].reshape(-1, blocks * LANES)[:len(b.r), :records].T
                  for part in (1, 2)),
                *(memory[:, part, :size].ravel()[:len(b.r)] for part in (2, 3)))

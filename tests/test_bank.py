@@ -271,8 +271,8 @@ def test_states_end_at_zero_where_a_record_does():
     node[0, 0], node[0, 2] = a, 1.0
     state = np.zeros((1, 1, 1, 3 * s.LANES))
     state[..., :s.LANES] = 1.0
-    s._advance_trials(y.reshape(1, -1), np.ones(n), node, np.zeros((1, 4, s.GROUP)),
-                      state)
+    s._advance_trials(y.reshape(1, -1), np.ones(n), -1, node,
+                      np.zeros((1, 4, s.GROUP)), state)
     assert not state[..., :s.LANES].any()
     x = np.ones((1, 2, 1, s.GROUP))
     part = np.zeros((1, 1, s.GROUP))

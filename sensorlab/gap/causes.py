@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import brief, free_columns, probabilities
+from sensorid import brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.account import (
     Account, account, evidence_error, gaussian, mean_evidence)
 from sensorlab.gap.costs import say
@@ -203,9 +203,10 @@ def _promising(scene, acc, richer):
     """Hypotheses of an account with a further process, its frequency sought, and ln B
     of it by Whittle's likelihood.
     """
-    pairs = [promise(h, one, scene, acc.signatures,
-                     s.theta[s.log_likelihood[:, 0].argmax()])
-             for h, one, s in zip(acc.hypotheses, richer, acc.samples)]
+    pairs = side_by_side(lambda own: promise(
+        *own[:2], scene, acc.signatures,
+        own[2].theta[own[2].log_likelihood[:, 0].argmax()]),
+        list(zip(acc.hypotheses, richer, acc.samples)))
     evidence = np.array([s.log_evidence[0] for s in acc.samples])
     return [h for h, _ in pairs], mean_evidence(
         evidence + [gain for _, gain in pairs]) - mean_evidence(evidence)

@@ -2,12 +2,13 @@
 the most probable signature of a family.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
 
-from sensorid import probabilities
+from sensorid import probabilities, side_by_side
 from sensorlab.gap.account import account
 from sensorlab.gap.effects import BLOCK, Found, columns_of, psi_of
 from sensorlab.gap.evidence import Sample, effort, normalized
@@ -41,8 +42,8 @@ def directed(scene, reference, listed, table=None):
     table, latest, added = table or bayes_table(), reference, set()
     scored = [[] for _ in reference.hypotheses]
     while True:
-        for number, own in enumerate(scored):
-            own.append(_scored(scene, reference, latest, number, listed, table))
+        for own, new in zip(scored, _scored(scene, reference, latest, listed, table)):
+            own.append(new)
         samples = [_pooled(scene, own, past)
                    for own, past in zip(scored, reference.samples)]
         number = _ill_known(samples, 0.5 * nodes_for(scene), added)
@@ -65,23 +66,49 @@ class _Scored(NamedTuple):
     log_evidence: float           # there
 
 
-def _scored(scene, reference, latest, number, listed, table):
-    """`_Scored` of hypothesis `number` at nodes of its posterior in the latest account.
+def _scored(scene, reference, latest, listed, table):
+    """`_Scored` of all hypotheses at nodes of their posteriors in the latest account.
     """
-    h, past = reference.hypotheses[number], latest.samples[number]
+    nodes = [_nodes(scene, latest, past) for past in latest.samples]
+    most = max(NODE_BLOCK // len(scene.y), 1)
+    parts = [(number, theta[begin:begin + most]) for number, theta in enumerate(nodes)
+             for begin in range(0, len(theta), most)]
+    found = [[] for _ in nodes]
+    for some in _together(parts, most):
+        solved = side_by_side(lambda part: solve(
+            reference.hypotheses[part[0]], scene, reference.signatures, part[1]), some)
+        # scans take longest: they begin
+        order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
+        bayes = dict(side_by_side(
+            lambda job: (job, family_bayes(scene, listed[job[0]], solved[job[1]],
+                                           table)),
+            list(itertools.product(order, range(len(some))))))
+        for at, (number, _) in enumerate(some):
+            base = solved[at].base
+            found[number].append(np.column_stack([base, *(
+                base + bayes[k, at] for k in range(len(listed)))]))
+    return [_Scored(theta, np.vstack(ll), h, latest, past.log_evidence[0])
+            for theta, ll, h, past in zip(nodes, found, reference.hypotheses,
+                                          latest.samples)]
+
+
+def _nodes(scene, latest, past):
+    """Theta (M, p) that stands for a posterior of an account."""
     count = nodes_for(scene) if np.ptp(past.theta) else 1
     if past.log_evidence[0] < latest.samples[latest.best].log_evidence[0] - RESCUED:
         count = max(count // 8, 1)    # if a signature lifts it, that gives more nodes
-    theta = past.nodes(count)
+    return past.nodes(count)
 
-    def of_part(theta):
-        solved, result = solve(h, scene, reference.signatures, theta), []
-        for family in listed:
-            result.append(solved.base + family_bayes(scene, family, solved, table))
-        return np.column_stack([solved.base, *result])
-    count = -(-len(theta) * len(scene.y) // NODE_BLOCK)
-    ll = np.vstack([of_part(part) for part in np.array_split(theta, count)])
-    return _Scored(theta, ll, h, latest, past.log_evidence[0])
+
+def _together(parts, most):
+    """Lists of parts, one after another, of so many nodes at most."""
+    some, nodes = [], 0
+    for part in parts:
+        if some and nodes + len(part[1]) > most:
+            yield some
+            some, nodes = [], 0
+        some, nodes = [*some, part], nodes + len(part[1])
+    yield some
 
 
 def _pooled(scene, scored, past):
