@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp, ndtri
 
-from sensorid import Parameter, brief, free_columns, probabilities
+from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, onset_law
@@ -62,13 +62,15 @@ def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None
 
     def likelihood_of(h):
         return lambda theta: log_likelihoods(h, scene, signatures, theta)[:, None]
+    guesses = side_by_side(lambda number: guesses_from(
+        past, number, hypotheses[number], scene, signatures) if past else (),
+        range(len(hypotheses)))
     samples, evidence = [None] * len(hypotheses), np.full(len(hypotheses), -np.inf)
     past_evidence = [s.log_evidence[0] for s in past.samples] if past else evidence
     for number in np.argsort(past_evidence, kind="stable")[::-1]:
         h = hypotheses[number]
         samples[number] = integrate(
-            likelihood_of(h), h.parameters,
-            guesses_from(past, number, h, scene, signatures) if past else (),
+            likelihood_of(h), h.parameters, guesses[number],
             onset_law(h, scene, signatures), max(floor, evidence.max()),
             effort=effort(scene))
         evidence[number] = samples[number].log_evidence[0]
@@ -85,7 +87,7 @@ def central(sample, log_likelihood):
     mean, ll = sample.mean, sample.log_likelihood[:, 0]
     if log_likelihood(mean[None])[0, 0] >= sample.weight @ ll:
         return mean
-    return sample.theta[ll.argmax()]
+    return sample.likeliest
 
 
 def guesses_from(past, number, h, scene, signatures):
@@ -110,7 +112,7 @@ def guesses_from(past, number, h, scene, signatures):
             signatures) == len(past.signatures):
         return result
     # where what is new is weak, all else is as it was; where not, its spectrum tells
-    theta = sample.theta[sample.log_likelihood[:, 0].argmax()]
+    theta = sample.likeliest
     twin, its_other = _as_processes(h), _as_processes(other)
     odd, law = _odd(h, scene, signatures, other, theta)
     told = posterior_law(
@@ -128,7 +130,7 @@ def _before_change(h, keys, scene, signatures, other, sample):
     """
     change = change_of_drive(
         h.driven.effect, scene, other, signatures,
-        sample.theta[sample.log_likelihood[:, 0].argmax()])
+        sample.likeliest)
     early = slice(change.onset)
     cut, part = [s._replace(columns=s.columns[early]) for s in signatures], scene.cut(
         early)

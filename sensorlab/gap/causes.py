@@ -16,7 +16,7 @@ from sensorlab.gap.readings import as_read
 from sensorlab.gap.screens import (
     FEW, LITTLE, change_of_drive, screened, usual_variance)
 from sensorlab.gap.signatures import families
-from sensorlab.gap.spectra import promise
+from sensorlab.gap.spectra import promise, residual_spectrum
 
 UNKNOWN = Effect("unknown")    # something that is in no catalogue
 
@@ -171,7 +171,7 @@ def _with_filters(scene, plain, acc, reference, effects, processes, best):
     """
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     z = seen.z[0, 0]
-    variance = usual_variance(z, seen.log_score[0, 0])
+    variance, spectra = usual_variance(z, seen.log_score[0, 0]), None
     for effect in effects:
         inside = effect.jumps or processes and effect.model and not effect.reading
         if not inside or not _has_room(effect, acc):
@@ -187,7 +187,8 @@ def _with_filters(scene, plain, acc, reference, effects, processes, best):
         for variant in effect.variants or ("",):
             richer = [h.with_effect(effect, variant) for h in start.hypotheses]
             if effect.search in ("band", "spectrum"):
-                richer, told = _promising(at, start, richer)
+                spectra = spectra or _spectra(at, start)
+                richer, told = _promising(at, start, richer, spectra)
                 if told < 0.0:
                     yield _Rival(effect, "", told, variant=variant)
                     continue
@@ -199,14 +200,20 @@ def _with_filters(scene, plain, acc, reference, effects, processes, best):
                          variant=variant)
 
 
-def _promising(scene, acc, richer):
-    """Hypotheses of an account with a further process, its frequency sought, and ln B
-    of it by Whittle's likelihood.
+def _spectra(scene, acc):
+    """`Spectrum` of every hypothesis of an account where it is likeliest."""
+    return side_by_side(lambda own: residual_spectrum(
+        own[0], scene, acc.signatures, own[1].likeliest),
+        list(zip(acc.hypotheses, acc.samples)))
+
+
+def _promising(scene, acc, richer, spectra):
+    """Hypotheses of an account, of these `_spectra`, with a further process, its
+    frequency sought, and ln B of it by Whittle's likelihood.
     """
-    pairs = side_by_side(lambda own: promise(
-        *own[:2], scene, acc.signatures,
-        own[2].theta[own[2].log_likelihood[:, 0].argmax()]),
-        list(zip(acc.hypotheses, richer, acc.samples)))
+    pairs = side_by_side(
+        lambda own: promise(own[0], scene, own[1], own[2].likeliest),
+        list(zip(richer, spectra, acc.samples)))
     evidence = np.array([s.log_evidence[0] for s in acc.samples])
     return [h for h, _ in pairs], mean_evidence(
         evidence + [gain for _, gain in pairs]) - mean_evidence(evidence)

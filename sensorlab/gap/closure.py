@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from sensorid import LOG_2PI
+from sensorid import LOG_2PI, side_by_side
 from sensorlab.gap.account import account
 from sensorlab.gap.distance import distance
 from sensorlab.gap.kernels import row_products
@@ -95,12 +95,14 @@ def held_out(scene, start, final, trials=None, seed=0):
         return None
     seen = as_read(scene, final.readings)
     head = seen.cut(slice(cut))
+
+    def fitted(acc):
+        return account(head, acc.bases, [h.fixed(onsets) for h in acc.hypotheses],
+                       tuple(s._replace(columns=s.columns[:cut])
+                             for s in acc.signatures),
+                       acc.readings, None if onsets else acc)
     gaps = []
-    for acc in (start, final):
-        fit = account(head, acc.bases, [h.fixed(onsets) for h in acc.hypotheses],
-                      tuple(s._replace(columns=s.columns[:cut])
-                            for s in acc.signatures),
-                      acc.readings, None if onsets else acc)
+    for acc, fit in zip((start, final), side_by_side(fitted, (start, final))):
         gaps.append(distance(scene, fit._replace(signatures=acc.signatures), trials,
                              seed, cut, gaps[0] if gaps else None))
     score = [gap.log_score[cut:] for gap in gaps]

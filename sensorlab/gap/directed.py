@@ -158,10 +158,10 @@ def estimate_signature(scene, reference, family, samples, number, count=None):
     """
     count = count or nodes_for(scene) // 2
     shares = probabilities([s.log_evidence[number] for s in samples])
-    pieces = [_sizes(h, scene, reference.signatures, family,
-                     sample.nodes(count, number), share)
-              for h, sample, share in zip(reference.hypotheses, samples, shares)
-              if share > SLIGHT]
+    pieces = side_by_side(
+        lambda own: _sizes(own[0], scene, reference.signatures, family,
+                           own[1].nodes(count, number), own[2]),
+        [own for own in zip(reference.hypotheses, samples, shares) if own[2] > SLIGHT])
     best = max(pieces, key=lambda p: p.mass.sum((0, 2)).max())
     at = best.mass.sum((0, 2)).argmax()
     psi, variant = best.psi[at].tolist(), str(best.variant[at])

@@ -52,6 +52,11 @@ class Sample(NamedTuple):
         """Posterior mean (p,)."""
         return self.weight @ self.theta
 
+    @property
+    def likeliest(self):
+        """Theta (p,) of the largest likelihood without a further explanation."""
+        return self.theta[self.log_likelihood[:, 0].argmax()]
+
     def sd(self, about=None):
         """Root mean square distance (p,) from the mean, or from a value (p,)."""
         about = self.mean if about is None else about

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp, ndtr, ndtri
 
-from sensorid import LOG_2PI
+from sensorid import LOG_2PI, side_by_side
 from sensorlab.gap.filters import predict
 
 FEW = -2.0        # ln B below which a screen has the last word
@@ -95,14 +95,14 @@ def change_of_drive(effect, scene, member, signatures, theta):
     first, last = np.searchsorted(scene.time, [onset.low, onset.high])
     at = np.unique(np.linspace(first, last, ONSETS).astype(int))
     h = member.with_effect(effect)
-    early, whole = [], []
-    for strength in ratio.quantile((np.arange(STRENGTHS) + 0.5) / STRENGTHS):
+
+    def scored(strength):
         score = predict(h, scene, signatures, np.append(
             theta, [onset.low, strength])[None]).log_score[0, 0]
         so_far = np.append(0.0, np.cumsum(np.nan_to_num(score)))
-        early.append(so_far[at])
-        whole.append(so_far[-1])
-    early, whole = np.array(early), np.array(whole)
+        return so_far[at], so_far[-1]
+    early, whole = map(np.array, zip(*side_by_side(
+        scored, ratio.quantile((np.arange(STRENGTHS) + 0.5) / STRENGTHS))))
     late = whole[:, None] - early
     steps = np.arange(1 - STRENGTHS, STRENGTHS)
     gain = np.array([np.max([early[k] + late[k + more] for k in range(STRENGTHS)

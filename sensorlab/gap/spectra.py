@@ -84,12 +84,11 @@ def _densities(h, scene, theta, frequency):
     return own.r.mean(1)[:, None] + (q / ((1.0 - a)**2 + a * turn)).sum(1).real
 
 
-def promise(h, richer, scene, signatures, theta):
+def promise(richer, scene, seen, theta):
     """A member with a further process, its last effect, and Whittle's ln B of that
     process; the frequency of a band is `Sought`. The rest of the member stays at
-    theta (p,) but for its scale.
+    theta (p,), where the record has the spectrum `seen` without it, but for its scale.
     """
-    seen = residual_spectrum(h, scene, signatures, theta)
     seen = seen._replace(power=seen.power / seen.power.mean())
     if richer.effects[-1].effect.search == "band":
         return _with_law(richer, scene, seen)
