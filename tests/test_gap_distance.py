@@ -9,8 +9,9 @@ from numpy.testing import assert_allclose
 from scipy.stats import binom, kstest, norm
 
 import sensorid
-from sensorlab import CATALOGUE, Scene, Simulator
-from sensorlab.gap import account, distance, filters, places, scans, signatures
+from sensorlab import CATALOGUE, Found, Scene, Simulator
+from sensorlab.gap import (
+    account, closure, distance, filters, places, probes, scans, signatures)
 from sensorlab.gap.effects import members
 
 
@@ -32,13 +33,53 @@ def test_statistics_of_white_residuals_are_standard_normal(N):
     z = rng.standard_normal((600, N))
     z[:, rng.random(N) < 0.1] = np.nan
     scene = Scene(z[0], DT, {})
-    listed = tuple(p[:3] for p in places.probes(scene))
-    found = places.statistics(z, z, scene, places.Held(listed, np.zeros((
-        len(listed), N), np.float32)))
-    own = np.isin(found.place, ("time", "frequency")) & found.value.any(0)
-    assert own.sum() > 60
-    assert np.abs(found.value[:, own].mean(0)).max() < 0.25    # some are of a maximum
-    assert np.abs(found.value[:, own].std(0) - 1.0).max() < 0.2
+    h = members(Simulator(MODEL), scene)[0]
+    own = filters.filter_of(h, scene, (), np.array([p.mean for p in h.parameters]),
+                            np.isnan(z[0]))
+    found = places.statistics(z, z, scene, probes.probes(scene, own, 0))
+    listed = np.isin(found.place, ("time", "frequency"))
+    assert listed.sum() > 60 + 32
+    value = found.value[:, listed]
+    assert np.abs(value.mean(0)).max() < 0.25    # some are of a maximum
+    assert np.abs(value.std(0) - 1.0).max() < 0.2
+
+
+def test_residuals_that_go_back_through_the_filter_are_held_against_whitened_probes():
+    rng = np.random.default_rng(6)
+    y, first = rng.standard_normal(300), 90
+    y[150:160] = np.nan
+    scene = Scene(y, DT, dict(temperature=np.sin(0.02 * np.arange(300.0))))
+    h, gap = members(Simulator(MODEL), scene)[0], np.isnan(y)
+    wave = filters.Signature(Found(CATALOGUE["sinusoid"]), np.column_stack(
+        [np.cos(0.3 * scene.time), np.sin(0.3 * scene.time)]), 2.0)
+    theta = np.array([p.mean for p in h.parameters])
+    own = filters.filter_of(h, scene, (wave,), theta, gap)
+    late = scene.cut(slice(first, None))
+    held = probes.probes(late, own, first)
+    assert len(held.listed) == 32 + 5 + 2 + 1
+    # the filter as a matrix, column by column
+    every = np.eye(300)
+    every[:, gap] = np.nan
+    matrix = np.nan_to_num(own.whitened(every)).T
+    rows = np.zeros((len(held.listed), 300))
+    rows[:32, first:] = np.arange(210) >= held.shifts[:, None]
+    rows[32:, first:] = held.curves
+    white = (rows @ matrix.T)[:, first:]
+    white /= np.linalg.norm(white, axis=1)[:, None]
+    z = np.where(gap[first:], 0.0, rng.standard_normal((3, 210)))
+    assert_allclose(held.products(z), white @ z.T, atol=1e-9)
+    assert_allclose(held.whitened_curves(), white[32:], atol=1e-9)
+
+
+def test_a_regression_by_parts_is_least_squares(monkeypatch):
+    monkeypatch.setattr(closure, "TOGETHER", 70)
+    rng = np.random.default_rng(8)
+    even, y = rng.standard_normal((5, 400)), rng.standard_normal(400)
+    rows = even * [[1.0], [1e-6], [3.0], [1e5], [1.0]]
+    at = np.flatnonzero(rng.random(400) < 0.7)
+    expected = y - np.linalg.lstsq(even[:, at].T, y[at])[0] @ even
+    residual = closure.regression(lambda part: rows[:, part], y, at)
+    assert_allclose(residual(np.arange(400)), expected, atol=1e-9)
 
 
 def test_statistics_of_lags_and_ties_are_those_of_plain_sums():

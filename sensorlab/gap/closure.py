@@ -111,14 +111,28 @@ def held_out(scene, start, final, trials=None, seed=0):
                    _flexible_gain(seen, cut, score[0]), *ratio, closure(*gaps))
 
 
-def regression(rows, y):
-    """Coefficients (K,) of least squares of y (n,) on rows (K, n), by products: the
+def regression(rows_of, y, at):
+    """Function of samples (n,) that gives the residuals (n,) of y (N,) there, of least
+    squares of those at some samples on rows_of(samples), (K, n).
+
+    By products of a few samples at a time: a long record has no room for rows, and the
     threads of a library of matrices spin while they wait.
     """
-    size = np.sqrt(np.einsum("kn, kn -> k", rows, rows)) + 1e-300
-    unit = rows / size[:, None]
-    return np.linalg.lstsq(row_products(unit, unit), row_products(
-        unit, y[None])[:, 0])[0] / size
+    def parts(at):
+        return np.split(at, range(TOGETHER, len(at), TOGETHER))
+    gram = 0.0
+    for part in parts(at):
+        rows = np.vstack([rows_of(part), y[part]])
+        gram = gram + row_products(rows, rows)
+    size = np.sqrt(np.diag(gram)[:-1]) + 1e-300
+    coefficients = np.linalg.lstsq(gram[:-1, :-1] / np.outer(size, size),
+                                   gram[:-1, -1] / size)[0] / size
+    return lambda at: np.concatenate([
+        y[part] - np.einsum("k, kn -> n", coefficients, rows_of(part))
+        for part in parts(at)])
+
+
+TOGETHER = 10**5    # samples of a regression that are worked on at a time
 
 
 LAGS = 32    # samples back that the flexible regression looks
@@ -128,17 +142,18 @@ def _flexible_gain(scene, cut, score):
     """Log score of a regression on the samples before and all columns, over that of
     another model `score` (N - cut,), nats a sample; NaN where there is too little data.
     """
-    back = np.vstack([np.ones_like(scene.y), *(
-        x - x.mean() for x in scene.columns.values()), *(
-        np.roll(scene.y, lag) for lag in range(1, LAGS + 1))])
-    whole = ~np.isnan(back).any(0) & ~np.isnan(scene.y)
-    whole[:LAGS] = False
-    early, late = whole.copy(), whole.copy()
-    early[cut:], late[:cut] = False, False
-    if early.sum() <= 2 * len(back) or not late.any():
+    def rows_of(at):
+        return np.vstack([np.ones(len(at)), *(
+            x[at] - x.mean() for x in scene.columns.values()), *(
+            scene.y[at - lag] for lag in range(1, LAGS + 1))])
+    missing = np.cumsum(np.isnan(scene.y))
+    whole = LAGS + np.flatnonzero(missing[LAGS:] - missing[:-LAGS] + np.isnan(
+        scene.y[:-LAGS]) == 0)    # nothing is missing up to that sample
+    early, late = whole[whole < cut], whole[whole >= cut]
+    rows = 1 + len(scene.columns) + LAGS
+    if len(early) <= 2 * rows or not len(late):
         return np.nan
-    residual = scene.y - np.einsum("k, kn -> n", regression(
-        back[:, early], scene.y[early]), back)
-    variance = np.sum(residual[early]**2) / (early.sum() - len(back))
-    density = -0.5 * (LOG_2PI + np.log(variance) + residual[late]**2 / variance)
-    return float(np.mean(density - score[late[cut:]]))
+    residual = regression(rows_of, scene.y, early)
+    variance = np.sum(residual(early)**2) / (len(early) - rows)
+    density = -0.5 * (LOG_2PI + np.log(variance) + residual(late)**2 / variance)
+    return float(np.mean(density - score[late - cut]))

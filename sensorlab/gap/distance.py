@@ -13,9 +13,9 @@ from sensorlab.gap.account import as_simulated, gaussian
 from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import (
     BLOCK, LONG_RECORD, Scene, Simulator, simulate_effects)
-from sensorlab.gap.filters import filtered, predict
-from sensorlab.gap.kernels import LANES
-from sensorlab.gap.places import PLACES, Held, Statistics, probes, statistics
+from sensorlab.gap.filters import Filter, filter_of, filtered, predict
+from sensorlab.gap.places import PLACES, Statistics, statistics
+from sensorlab.gap.probes import Probes, probes
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
 
 
@@ -80,6 +80,10 @@ class _Setting(NamedTuple):
     late: Scene         # what is compared
     printed: float      # spacing of the digits of the record, too fine for an effect
 
+    def is_like(self, other):
+        """Is the same part of the same record compared?"""
+        return self.scene is other.scene and self.first == other.first
+
     def drawn(self, simulator, trials, seed, number=0):
         """Records (trials, N) as they are read, and less what says nothing."""
         read = simulate_effects(simulator, self.scene, trials, seed, number).error
@@ -112,16 +116,16 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     trials = trials or enough_trials(scene)
     again = near is not None and near.ruler.fit.setting.acc is acc
     if again:
-        fit, truth, held = near.ruler.fit, near.theta, near.ruler.held
+        (fit, *seen), truth = near.ruler[:3], near.theta
         setting, drawn = fit.setting, list(near.drawn)
     else:
         setting, drawn = _setting(scene, acc, first), []
         fit = _Refit(setting, [] if first else free_columns(acc.member.parameters))
         truth = fit.truth(seed, near)
-        held = _whitened_probes(acc, scene, setting.own[0], setting.late)
+        seen = _filter_and_probes(setting, near or before)
     simulator = setting.simulator(
         *(acc.sample.nodes(POSTERIOR_NODES) if first else [truth]))
-    ruler = _Ruler(fit, held)
+    ruler = _Ruler(fit, *seen)
     real, stats, gain = ruler.laid(scene.y[None], setting.own, True)
     block = int(np.clip(BLOCK // len(scene.y), 1, -(-trials // 2)))
 
@@ -308,7 +312,8 @@ class _Ruler(NamedTuple):
     """What turns a record into distances from a simulator."""
 
     fit: _Refit
-    held: Held
+    filter: Filter               # of the account; None where it has jumps
+    probes: Probes
     usable: np.ndarray = None      # (S,) statistics that exist for all records
     mean: np.ndarray = None        # (S,) of the simulated records
     sd: np.ndarray = None          # (S,)
@@ -325,9 +330,9 @@ class _Ruler(NamedTuple):
         setting = self.fit.setting
         acc, first = setting.acc, setting.first
         part = predict(acc.member, setting.scene, acc.signatures, acc.theta[None],
-                       masked, whole)
+                       masked, whole, self.filter)
         return part, statistics(
-            part.z[:, 0, first:], read[:, first:], setting.late, self.held
+            part.z[:, 0, first:], read[:, first:], setting.late, self.probes
         ), self.fit.gains(masked, part.log_likelihood if acc.member.has_jumps else None)
 
     def marked(self, T, s, stats):
@@ -365,7 +370,7 @@ class _Ruler(NamedTuple):
         setting = self.fit.setting
         first = setting.first
         stats = statistics(z[None, first:], setting.scene.y[None, first:], setting.late,
-                           self.held)
+                           self.probes)
         return self.distances(stats.value, self.middle[None])[0]
 
     def measured(self, read):
@@ -376,32 +381,17 @@ class _Ruler(NamedTuple):
         return self.distances(stats.value, gains)
 
 
-WIDE = 4    # blocks of samples that are whitened at a time
-
-
-def _whitened_probes(acc, scene, y, late):
-    """`Held`: `probes` of the end of a scene through the filter of an account without
-    its jumps.
-
-    The normal scores of a column far smaller than the noise are its innovations.
+def _filter_and_probes(setting, like):
+    """The `Filter` of an account, None where it has jumps, and `Probes` of the record
+    through that without these; `like` is another gap of the record, or None.
     """
-    _, hypotheses = gaussian(scene._replace(y=y), acc)
+    acc, scene, gap = setting.acc, setting.scene, np.isnan(setting.own[0])
+    _, hypotheses = gaussian(scene._replace(y=setting.own[0]), acc)
     h = hypotheses[acc.best]
-    theta = acc.member.matching(h, acc.theta)[None]
-    listed, first, size = tuple(p[:3] for p in probes(late)), len(y) - len(late.y), (
-        1e-3 * scene.white)
-    white, every = np.empty((len(listed), len(late.y)), np.float32), probes(late)
-    abreast = int(np.clip(WIDE * BLOCK // len(y), 1, LANES))
-    for begin in range(0, len(listed), abreast):
-        probe = np.zeros((min(abreast, len(listed) - begin), len(y)))
-        for row, (*_, f) in zip(probe, every):
-            row[first:] = f * (size / np.abs(f).max())
-        probe[:, np.isnan(y)] = np.nan
-        z = predict(h, scene, acc.signatures, theta, probe).z[:, 0, first:]
-        z[np.isnan(z)] = 0.0
-        z /= np.sqrt((z**2).sum(1))[:, None] + 1e-300
-        white[begin:begin + abreast] = z
-    return Held(listed, white)
+    own = filter_of(h, scene, acc.signatures, acc.member.matching(h, acc.theta), gap)
+    same = like is not None and like.ruler.fit.setting.is_like(setting)
+    return None if acc.member.has_jumps else own, probes(
+        setting.late, own, setting.first, like.ruler.probes if same else None)
 
 
 def _tail(largest, null):

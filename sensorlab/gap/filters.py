@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from sensorid import LOG_2PI, Bank, Modes, Sums, bank, brief, filter_bank, modes
 from sensorlab.gap.effects import Found
 from sensorlab.gap.kernels import (
-    adjoint, mixture_filters, plain_filters, row_products)
+    adjoint, mixture_filters, plain_gains, row_products, whiten, whiten_back)
 
 
 class Signature(NamedTuple):
@@ -214,21 +214,73 @@ def _through_mixtures(h, own, H, theta, y, out):
         np.column_stack(jumps[2:]), out)
 
 
-def predict(h, scene, signatures, theta, y=None, whole=True):
+class Filter(NamedTuple):
+    """A filter without jumps at one node: all of it that no record changes."""
+
+    H: np.ndarray            # (N, n) what observes the states
+    turned: np.ndarray       # (2, n) their factors, as in `Parts`
+    pair: np.ndarray         # (n,)
+    gain: np.ndarray         # (N, n) by which an innovation moves them; 0 in a gap
+    per_sigma: np.ndarray    # (N,) one over its standard deviation
+    gap: np.ndarray          # (N,) where nothing is seen
+
+    __repr__ = brief
+
+    @property
+    def log_f(self):
+        """Logarithms (N,) of the variances of the innovations."""
+        return -2.0 * np.log(self.per_sigma)
+
+    def whitened(self, y):
+        """Normal scores (R, N) of records with the same gaps; they are linear."""
+        return whiten(y, self.H, self.turned, self.pair, self.gain, self.per_sigma)
+
+    def whitened_back(self, u, first=0):
+        """(R, N - first) whose products with records that are 0 before that sample are
+        those of u with `whitened` records.
+        """
+        return whiten_back(np.where(self.gap[first:], 0.0, u), first, self.H,
+                           self.turned, self.pair, self.gain,
+                           np.where(self.gap, 0.0, self.per_sigma))
+
+
+def filter_of(h, scene, signatures, theta, gap):
+    """`Filter` of a hypothesis without jumps at theta (p,), records of which have this
+    gap (N,).
+    """
+    return _filter_at(*with_constants(h, scene, signatures, theta[None]), 0, gap)
+
+
+def _filter_at(own, H, node, gap):
+    """`Filter` of one node of `Parts`."""
+    gain, f, states = np.empty(H.shape), np.empty(len(H)), own.own[:, node].copy()
+    plain_gains(H, states, own.pair, own.later[node:node + 1], own.r[node], gap, gain,
+                f)
+    return Filter(H, states[:2], own.pair, gain, 1.0 / np.sqrt(f), gap)
+
+
+def predict(h, scene, signatures, theta, y=None, whole=True, known=None):
     """`Predicted` of the record of a scene, or of others like it, y (R, N); if not the
-    `whole`, without what is known of single samples beside their scores.
+    `whole`, without what is known of single samples beside their scores. `known` is
+    the `Filter` of the only node, if it is.
     """
     y = scene.y[None] if y is None else y
-    own, H = with_constants(h, scene, signatures, theta)
     (R, N), M = y.shape, len(theta)
     if _is_plain(h, y):
-        z, log_f = np.empty((R, M, N)), np.empty((M, N))
-        plain_filters(y, H, own.own, own.pair, own.later, own.r, z, log_f)
+        gap = np.isnan(y[0])
+        if known is not None and np.array_equal(gap, known.gap):
+            every = [known]
+        else:
+            parts = with_constants(h, scene, signatures, theta)
+            every = [_filter_at(*parts, node, gap) for node in range(M)]
+        z = np.stack([one.whitened(y) for one in every], 1)
+        log_f = np.array([one.log_f for one in every])
         log_score = z * z
         log_score += log_f + LOG_2PI
         log_score *= -0.5
         return Predicted(np.nansum(log_score, axis=2), _within_limits(z),
                          np.broadcast_to(np.nan, z.shape), log_score)
+    own, H = with_constants(h, scene, signatures, theta)
     out = np.full((R, M, 4 if whole else 2, N), np.nan)
     total = _through_mixtures(h, own, H, theta, y, out)
     z = normal_score(out[:, :, 0], out[:, :, 1]) if h.has_jumps else out[:, :, 0]
@@ -340,18 +392,15 @@ def summed(b, parts, rows, pairs=()):
     (C, N), M = rows.shape, len(parts.r)
     gap, H = np.isnan(rows[0]), np.tile(parts.h, (rows.shape[1], 1))
     rows = np.vstack([rows, np.where(gap, np.nan, 1.0)])
-    score, log_f = np.empty((C + 1, 1, N)), np.empty((1, N))
     result = Sums(N - gap.sum(), *np.empty((2, C, M)), *np.empty((2, M)),
                   np.empty((len(pairs), M)))
     for k in range(M):
-        node = slice(k, k + 1)
-        plain_filters(rows, H, parts.own[:, node], parts.pair, parts.later[node],
-                      parts.r[node], score, log_f)
-        z = np.where(gap, 0.0, score[:, 0])
+        one = _filter_at(parts, H, k, gap)
+        z = np.where(gap, 0.0, one.whitened(rows))
         result.chi2[:, k] = (z[:-1]**2).sum(1)
         result.score[:, k] = z[:-1] @ z[-1]
         result.information[k] = z[-1] @ z[-1]
-        result.log_det[k] = log_f[0, ~gap].sum()
+        result.log_det[k] = one.log_f[~gap].sum()
         result.products[:, k] = [z[i] @ z[j] for i, j in pairs]
     return result
 

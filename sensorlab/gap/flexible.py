@@ -8,7 +8,7 @@ needed even where it is described in any way that does not describe the effect i
 import numpy as np
 
 from sensorlab.gap.closure import regression, standing_out
-from sensorlab.gap.places import PLACES, SHIFTS
+from sensorlab.gap.places import PLACES
 
 NEEDED_NATS = 3.0    # that an effect must gain
 LAGS = 16      # samples before, on which a regression describes any colour
@@ -88,13 +88,12 @@ def _described(gap, lags, spans, curves=False):
     """
     seen = np.flatnonzero(~np.isnan(gap.z))
     z = np.nan_to_num(gap.z)
-    e = z[seen]
-    known = [np.append(np.zeros(k), z[:-k])[seen] for k in range(1, lags + 1)]
-    if curves:
-        known += [curve[seen] for curve in gap.ruler.held.white[SHIFTS:]]
-    if known:
-        known = np.vstack(known)
-        e = e - np.einsum("k, kn -> n", regression(known, e), known)
+    e, before = z[seen], np.append(np.zeros(lags), z)
+    white = gap.ruler.probes.whitened_curves() if curves else np.empty((0, len(z)))
+    if lags or len(white):
+        e = regression(lambda at: np.vstack([
+            *(before[at + lags - k] for k in range(1, lags + 1)), white[:, at]]), z,
+            seen)(seen)
     variance = np.concatenate([np.full(len(part), np.mean(part**2) + 1e-12)
                                for part in np.array_split(e, spans) if len(part)])
     return seen, e, variance

@@ -198,77 +198,131 @@ def update_state(x, Ph, gain):
             x[s, g] += Ph[s, g] * gain[g]
 
 
-def plain_filters(y, H, own, pair, later, r, z, log_f):
-    """Normal scores z (R, M, N) of records with the same gaps under filters without
-    jumps, and logarithms log_f (M, N) of the variances that they are over, in place.
+@njit(**KERNEL)
+def plain_gains(H, own, pair, later, r, gap, gain, f):
+    """Of a filter without jumps what no record changes, in place: gain (N, n), by which
+    the innovation of a sample moves the states, and its variance f (N,).
 
-    y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), later (M or 0,) and
-    r (M, 1 or N) are the parts of `filters.Parts`. The covariance of a node serves all
-    records.
+    H (N, n) observes n states; own (8, n), pair (n,), later (0 or 1,) and r (1 or N,)
+    are the parts of one node; nothing is seen in a gap (N,).
     """
-    lanes = lanes_for(len(y))
-    in_threads(_filter_records, groups(len(y), lanes) * own.shape[1], lanes, y, H, own,
-               pair, later, r, z, log_f)
+    (N, n), q, c = H.shape, own[2], own[3]
+    a, b, P = own[0].copy().reshape(n, 1), own[1].copy().reshape(n, 1), np.zeros((
+        n, n, 1))
+    for s in range(n):
+        P[s, s, 0] = own[4, s]
+        if pair[s] < s:
+            P[s, pair[s], 0] = own[5, s]
+    Ph = np.empty(n)
+    for i in range(N):
+        if len(later) and i == later[0]:
+            q, c = own[6], own[7]
+        turn_covariance(a, b, pair, P)
+        for s in range(n):
+            P[s, s, 0] += q[s]
+            Ph[s] = H[i, s] * P[s, s, 0]
+            if pair[s] < s:
+                P[s, pair[s], 0] += c[s]
+            for t in range(s):
+                Ph[s] += H[i, t] * P[s, t, 0]
+                Ph[t] += H[i, s] * P[s, t, 0]
+        total = r[min(i, len(r) - 1)]
+        for s in range(n):
+            total += H[i, s] * Ph[s]
+        f[i] = total
+        for s in range(n):
+            gain[i, s] = 0.0 if gap[i] else Ph[s] / total
+            for t in range(s + 1):
+                P[s, t, 0] -= gain[i, s] * Ph[t]
+
+
+def whiten(y, H, turned, pair, gain, per_sigma):
+    """Normal scores (R, N) of records y (R, N) with the same gaps under a filter of
+    these gains (N, n), one over the standard deviations per_sigma (N,), and turned
+    (2, n), the first two numbers of its states.
+    """
+    z, lanes = np.empty_like(y), lanes_for(len(y))
+    in_threads(_whiten_groups, groups(len(y), lanes), lanes, y, H, turned, pair, gain,
+               per_sigma, z)
+    return z
 
 
 @njit(**KERNEL)
-def _filter_records(first, last, lanes, y, H, own, pair, later, r, z, log_f):
-    """Pairs of a group of records and a node, of `plain_filters`."""
-    R, N = y.shape
-    M, n = own.shape[1:]
-    for both in range(first, last):
-        group, node = both // M, both % M
-        begin, number = group * lanes, min(lanes, R - group * lanes)
-        a, b, q, c = own[0, node], own[1, node], own[2, node], own[3, node]
-        P, Ph = np.zeros((n, n)), np.empty(n)
-        x, nu = np.zeros((n, number)), np.zeros(number)
-        lanes_a, lanes_b = np.empty((2, n, number))
-        alone_a, alone_b, alone_P = (a.copy().reshape(n, 1), b.copy().reshape(n, 1),
-                                     P.reshape(n, n, 1))
-        for s in range(n):
-            P[s, s] = own[4, node, s]
-            if pair[s] < s:
-                P[s, pair[s]] = own[5, node, s]
-            for g in range(len(nu)):
-                lanes_a[s, g], lanes_b[s, g] = a[s], b[s]
+def _whiten_groups(first, last, lanes, y, H, turned, pair, gain, per_sigma, z):
+    """Groups of records of `whiten`."""
+    (R, N), n = y.shape, H.shape[1]
+    for group in range(first, last):
+        begin = group * lanes
+        number = min(lanes, R - begin)
+        x, nu, (a, b) = np.zeros((n, number)), np.empty(number), _in_lanes(
+            turned, number)
         for i in range(N):
-            f, seen = r[node, min(i, r.shape[1] - 1)], not np.isnan(y[begin, i])
-            if len(later) and i == later[node]:
-                q, c = own[6, node], own[7, node]
-            turn_covariance(alone_a, alone_b, pair, alone_P)
-            turn(lanes_a, lanes_b, pair, x)
+            turn(a, b, pair, x)
+            for g in range(number):
+                nu[g] = y[begin + g, i]
             for s in range(n):
-                P[s, s] += q[s]
-                Ph[s] = H[i, s] * P[s, s]
-                if pair[s] < s:
-                    P[s, pair[s]] += c[s]
-                for t in range(s):
-                    Ph[s] += H[i, t] * P[s, t]
-                    Ph[t] += H[i, s] * P[s, t]
-            for s in range(n):
-                f += H[i, s] * Ph[s]
-            log_f[node, i] = np.log(f)
-            if seen:
                 for g in range(len(nu)):
-                    nu[g] = y[begin + g, i]
+                    nu[g] -= H[i, s] * x[s, g]
+            if not np.isnan(y[begin, i]):
                 for s in range(n):
                     for g in range(len(nu)):
-                        nu[g] -= H[i, s] * x[s, g]
-                for s in range(n):
-                    gain = Ph[s] / f
-                    for t in range(s + 1):
-                        P[s, t] -= gain * Ph[t]
-                    for g in range(len(nu)):
-                        x[s, g] += gain * nu[g]
-            per_sigma = 1.0 / np.sqrt(f) if seen else np.nan
-            for g in range(len(nu)):
-                z[begin + g, node, i] = nu[g] * per_sigma
+                        x[s, g] += gain[i, s] * nu[g]
+            for g in range(number):
+                z[begin + g, i] = nu[g] * per_sigma[i]
+
+
+def whiten_back(u, first, H, turned, pair, gain, per_sigma):
+    """The transpose of `whiten`: what it makes of records that are 0 up to the sample
+    `first`, times u (R, N - first), is these records times the result, of that shape.
+    """
+    result, lanes = np.empty_like(u), lanes_for(len(u))
+    in_threads(_whiten_groups_back, groups(len(u), lanes), lanes, u, first, H,
+               turned, pair, gain, per_sigma, result)
+    return result
+
+
+@njit(**KERNEL)
+def _whiten_groups_back(begin, end, lanes, u, first, H, turned, pair, gain, per_sigma,
+                        result):
+    """Groups of records of `whiten_back`."""
+    (R, count), n = u.shape, H.shape[1]
+    for group in range(begin, end):
+        row = group * lanes
+        number = min(lanes, R - row)
+        x, nu, (a, b) = np.zeros((n, number)), np.empty(number), _in_lanes(
+            turned, number)
+        for s in range(n):    # of Phi'
+            b[s] = turned[1, pair[s]]
+        for i in range(first + count - 1, first - 1, -1):
+            for g in range(number):
+                nu[g] = u[row + g, i - first] * per_sigma[i]
+            for s in range(n):
+                for g in range(len(nu)):
+                    nu[g] += gain[i, s] * x[s, g]
+            for s in range(n):
+                for g in range(len(nu)):
+                    x[s, g] -= H[i, s] * nu[g]
+            turn(a, b, pair, x)
+            for g in range(number):
+                result[row + g, i - first] = nu[g]
+
+
+@njit(**JIT)
+def _in_lanes(turned, lanes):
+    """The factors (2, n) of a node in so many lanes, (2, n, lanes)."""
+    result = np.empty((*turned.shape, lanes))
+    for k in range(2):
+        for s in range(turned.shape[1]):
+            for g in range(lanes):
+                result[k, s, g] = turned[k, s]
+    return result
 
 
 def mixture_filters(y, H, own, pair, later, r, outlier, jump, out):
     """Log-likelihoods (R, M) of records under filters with outliers and two levels.
 
-    y (R, N), H, own, pair, later and r as for `plain_filters`; outlier (M, 2) = rate,
+    y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), later (M or 0,) and
+    r (M, 1 or N) are the parts of `filters.Parts`; outlier (M, 2) = rate,
     variance; jump (M, 2) = probability of a change of level, half the distance of the
     levels (0: one level). out (R, M, 0, 2 or 4, N) gets of every sample the predictive
     probabilities below and above it, that of its being an outlier, and its log density;
@@ -434,7 +488,8 @@ def _sample_law(g, rate, prior, weight, wild, per_f, nu):
 def adjoint(y, observed, h, own, pair, later, r):
     """C^-1 y of every column, and s' C^-1 s of a step s at every sample.
 
-    y (C, N); h (n,) observes the states; own, pair, later and r as for `plain_filters`.
+    y (C, N); h (n,) observes the states; own, pair, later and r as for
+    `mixture_filters`.
     Returns w (M, C, N), steps (M, N) and log_det (M,): P. De Jong, J. Penzer,
     "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93, 1998, with the output
     shifted for good as the shock.

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from scipy.fft import next_fast_len, prev_fast_len
 from scipy.special import (
-    chdtr, chdtrc, eval_legendre, log_ndtr, ndtr, ndtri, ndtri_exp, pdtr, pdtrc)
+    chdtr, chdtrc, log_ndtr, ndtr, ndtri, ndtri_exp, pdtr, pdtrc)
 
 from sensorid import allan_variance, brief
 from sensorlab.gap.effects import Scene
@@ -99,26 +99,16 @@ class _Residuals(NamedTuple):
     scene: Scene
 
 
-class Held(NamedTuple):
-    """What residuals are held against."""
-
-    listed: tuple        # (place, ends, column) of each of `probes`
-    white: np.ndarray    # (S, N) the same through the filter, of unit norm; in single
-                         # precision, for a long record has many of them
-
-    __repr__ = brief
-
-
-def statistics(z, y, scene, held):
+def statistics(z, y, scene, probes):
     """Statistics of residuals z (R, N), which are N(0, 1) and white if all is well.
 
-    y (R, N) are the records themselves; `held` is `Held`.
+    y (R, N) are the records themselves; `Probes` are what residuals are held against.
     """
     seen = ~np.isnan(z)
     r = _Residuals(np.where(seen, z, 0.0), seen, np.maximum(seen.sum(1), 1), y, scene)
     spectrum = _power(r, slice(0, len(scene.y)))
     level = [(place, _One(*ends, value, column)) for (place, ends, column), value in
-             zip(held.listed, row_products(held.white, r.z))]
+             zip(probes.listed, probes.products(r.z))]
     every = [*(("time", one) for one in _in_time(r)), *level,
              *(("frequency", one) for one in _in_frequency(*spectrum)),
              *(("averaging_time", one) for one in _in_averaging_time(r)),
@@ -132,41 +122,7 @@ def statistics(z, y, scene, held):
                       np.array([one.least for _, one in every]))
 
 
-POLYNOMIAL_DEGREE = 5      # in a column: thermal models are of the third
-MAX_CROSSED_COLUMNS = 5    # whose products are looked at: of more there are too many
-SHIFTS = 32                # of the level, at even times
-CLUSTER = 16               # samples, or means of them, in the clusters of a long time
-
-
-def probes(scene):
-    """(place, ends, column, (N,) array) after another that residuals are held against:
-    shifts of the level, and functions of the covariates.
-    """
-    N, time = len(scene.y), scene.time
-    for i in np.linspace(0, N, SHIFTS + 2).astype(int)[1:-1]:
-        yield "time", (time[i], time[-1]), "", (np.arange(N) >= i).astype(float)
-    scaled = {name: 2.0 * (x - x.min()) / np.ptp(x) - 1.0
-              for name, x in scene.columns.items() if np.ptp(x) > 0.0}
-    for name, f in _curves(scaled, time / time[-1] - 0.5):
-        if np.ptp(f) > 0.0:
-            x = scene.columns[name]
-            yield "covariate", (x.min(), x.max()), name, f - f.mean()
-
-
-def _curves(scaled, time):
-    """(name, function (N,)) of columns within -1 and 1 by name, and of all pairs of
-    them and the time: one may change what another does.
-    """
-    for name, x in scaled.items():
-        for n in range(1, POLYNOMIAL_DEGREE + 1):
-            yield name, eval_legendre(n, x)
-        moved = np.append(0.0, np.diff(x))
-        yield name, moved
-        yield name, np.sign(moved)    # hysteresis
-    if len(scaled) <= MAX_CROSSED_COLUMNS:
-        for (name, x), (_, z) in itertools.combinations(
-                (*scaled.items(), ("", time)), 2):
-            yield name, x * z
+CLUSTER = 16    # samples, or means of them, in the clusters of a long time
 
 
 def _in_time(r):
