@@ -146,13 +146,15 @@ def _pulse_scores(scene, family, solved):
     squares = np.concatenate([information(scene, block.columns, solved)[..., 0, 0]
                               for block in blocks(scene, family, exact)], axis=1)
     squares = np.split(squares, np.cumsum([len(at) for at in knots])[:-1], axis=1)
-    steps = [max(n // PARTS, 1) for n in lengths]
-    onsets = [np.arange(1, N - n, step) for n, step in zip(lengths, steps)]
-    psi = np.column_stack([np.concatenate(onsets), np.repeat(
-        lengths, [len(own) for own in onsets])]) * scene.dt
-    ends = np.cumsum([0, *map(len, onsets)])
+    steps = np.maximum(lengths // PARTS, 1)
+    ends = np.cumsum([0, *(len(range(1, N - n, step)) for n, step in zip(
+        lengths, steps))])
     parts = list(zip(lengths, steps, knots, squares, itertools.pairwise(ends)))
-    del onsets
+
+    def psi_at(k):
+        part = np.searchsorted(ends, k, "right") - 1
+        return np.column_stack([1 + (k - ends[part]) * steps[part],
+                                lengths[part]]) * scene.dt
 
     def numbers(k, part, number, J):
         n, step, at, square, _ = part
@@ -167,17 +169,17 @@ def _pulse_scores(scene, family, solved):
     mean = np.concatenate(side_by_side(mean_gain, parts))
     likely = np.argpartition(-mean, min(LIKELY, len(mean) - 1))[:LIKELY]
     between = _between_edges(scene, solved)
-    found = scores_at(scene, family, solved, [*map(tuple, psi[likely]), *(
+    found = scores_at(scene, family, solved, [*map(tuple, psi_at(likely)), *(
         (onset * scene.dt, n * scene.dt) for onset, n in between)])
     count = len(likely)
     less = np.array([_share(solved.residual, *pulse, 1.0 / sd**2)
                      for pulse, sd in zip(between, found.sd[:, count:].T)])
     found.gain[:, count:] = np.maximum(found.gain[:, count:] + 2.0 * np.log(less), 0.0)
-    psi = np.vstack([psi, np.reshape(found.psi[count:], (-1, 2))])
-    likely = np.append(likely, np.arange(ends[-1], len(psi)))
+    total = ends[-1] + len(found.psi) - count
+    likely = np.append(likely, np.arange(ends[-1], total))
 
     def of_node(k, gains_alone=False):
-        number, J = np.ones((2, len(psi)))
+        number, J = np.ones((2, total))
         for part in parts:
             own = slice(*part[-1])
             numbers(k, part, number[own], J[own])
@@ -185,7 +187,9 @@ def _pulse_scores(scene, family, solved):
             number *= number
             number /= J
             number[likely] = found.gain[k]
-            return Scores(psi, number[None], None, None, 1)
+            return Scores(None, number[None], None, None, 1)
+        psi = np.vstack([psi_at(np.arange(ends[-1])), np.reshape(
+            found.psi[count:], (-1, 2))])
         gain, size, sd = number * number / J, number / J, 1.0 / np.sqrt(J)
         gain[likely], size[likely], sd[likely] = (
             of[k] for of in (found.gain, found.size, found.sd))
