@@ -18,6 +18,12 @@ def with_band(n=600, **values):
     return scene, member(scene, h), member(scene, h, "narrow_band_noise")
 
 
+def promised(h, richer, scene, theta):
+    """A further process of a hypothesis h that is likeliest at theta, promised."""
+    seen = spectra.residual_spectrum(h, scene, (), theta)
+    return spectra.promise(richer, scene, seen, theta)
+
+
 VARIANCE = np.array([0.02, 0.7])    # of bands
 
 
@@ -73,7 +79,7 @@ def test_frequencies_are_drawn_from_their_law():
 
 def test_evidence_of_an_unknown_band_is_the_sum_over_all_frequencies():
     scene, h, richer = with_band(frequency=0.21, tau=40.0, sigma=0.5)
-    richer, _ = spectra.promise(h, richer, scene, (), np.array([1.0]))
+    richer, _ = promised(h, richer, scene, np.array([1.0]))
     known = {("narrow_band_noise", "tau"): 40.0, ("narrow_band_noise", "sigma"): 0.5}
     richer = richer.fixed(known)._replace(hypothesis=WHITE[0])
     sought = richer.parameters[1]
@@ -94,7 +100,7 @@ def test_a_promise_is_about_what_a_filter_finds():
     theta = base.samples[0].theta[base.samples[0].log_likelihood.argmax()]
     for name, apart in (("narrow_band_noise", 4.0), ("blue_noise", 2.0)):
         richer = member(scene, *WHITE_OF_A_RANGE, name)
-        richer, told = spectra.promise(h, richer, scene, (), theta)
+        richer, told = promised(h, richer, scene, theta)
         found = account.account(scene, [h], [richer])
         gain = found.log_evidence - base.log_evidence
         assert abs(told - gain) < apart, name
@@ -104,5 +110,5 @@ def test_a_promise_is_about_what_a_filter_finds():
 def test_a_band_at_an_end_of_its_range_and_short_records_are_no_errors():
     for n in (64, 65):
         scene, h, richer = with_band(n, frequency=0.45, tau=4.0, sigma=0.2)
-        _, told = spectra.promise(h, richer, scene, (), np.array([1.0]))
+        _, told = promised(h, richer, scene, np.array([1.0]))
         assert np.isfinite(told)

@@ -124,7 +124,8 @@ def regression(rows_of, y, at):
     for part in parts(at):
         rows = np.vstack([rows_of(part), y[part]])
         gram = gram + row_products(rows, rows)
-    size = np.sqrt(np.diag(gram)[:-1]) + 1e-300
+    size = np.sqrt(np.diag(gram)[:-1])
+    size[size == 0.0] = 1.0
     coefficients = np.linalg.lstsq(gram[:-1, :-1] / np.outer(size, size),
                                    gram[:-1, -1] / size)[0] / size
     return lambda at: np.concatenate([
