@@ -133,7 +133,7 @@ def families(scene, effects, signatures=()):
                 psi = [p.quantile(np.linspace(0.0, 1.0, PSI_COUNT))
                        for p in effect.parameters(scene)]
                 family = Family(effect, column, tuple([*psi, [np.nan]][0]))
-                if next(blocks(scene, family), None):
+                if next(_columns(scene, family, family.psi), None):
                     result.append(family)
     return result
 
@@ -154,29 +154,36 @@ class Block(NamedTuple):
 
 def blocks(scene, family, psi=None):
     """`Block` after block of a family's signatures at psi, by default all that it has,
-    in all variants.
+    in all variants. The columns of one are overwritten by those of the next: a long
+    record has no room for both.
     """
-    x, N = scene.columns.get(family.column), len(scene.y)
     values, variants, block = [], [], None
-    for value in family.psi if psi is None else psi:
+    for value, variant, columns in _columns(scene, family,
+                                            family.psi if psi is None else psi):
+        N, k = columns.shape
+        if block is None:
+            block = np.empty((max(BLOCK // (k * N), ROWS[k] // k), k, N))
+        block[len(values)] = columns.T
+        values.append(value)
+        variants.append(variant)
+        if len(values) == len(block):
+            yield Block(values, variants, block)
+            values, variants = [], []
+    if values:
+        yield Block(values, variants, block[:len(values)])
+
+
+def _columns(scene, family, psi):
+    """(value, variant, columns (N, k)) of the signatures of a family that are not 0."""
+    x, N = scene.columns.get(family.column), len(scene.y)
+    for value in psi:
         for variant, columns in family.effect.columns(scene, x, value):
-            k = columns.shape[-1]
             if columns.shape not in ((N, 1), (N, 2)):
                 raise ValueError(
                     f"effect {family.effect.name} builds columns of shape "
                     f"{columns.shape}: ({N}, 1) or ({N}, 2) are needed")
-            if not np.any(columns):
-                continue
-            if not values:
-                block = np.empty((max(BLOCK // (k * N), ROWS[k] // k), k, N))
-            block[len(values)] = columns.T
-            values.append(value)
-            variants.append(variant)
-            if len(values) == len(block):
-                yield Block(values, variants, block)
-                values, variants, block = [], [], None
-    if values:
-        yield Block(values, variants, block[:len(values)])
+            if np.any(columns):
+                yield value, variant, columns
 
 
 def scores_at(scene, family, solved, psi=None):
