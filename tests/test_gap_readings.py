@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL
+from conftest import DT, MODEL, WHITE
 from scipy.signal import lfilter
 
 import sensorid
 import sensorlab
-from sensorlab import Scene
+from sensorlab import CATALOGUE, Found, Scene, Simulator
 from sensorlab.gap import catalogue, readings
 
 
@@ -53,6 +53,43 @@ def test_values_meet_by_chance_in_the_part_that_nothing_was_added_to():
     y[700:730] = y[700]
     (stuck,) = readings.readings(Scene(y, DT, {}))
     assert stuck.found.values["spans"] == [[700.0, 30]]
+
+
+@pytest.mark.parametrize("lsb, own, verdict", [
+    (0.4, 0.4, "none"), (0.2, 0.4, "wrong_parameter"), (0.0, 0.4, "wrong_parameter"),
+    (0.0, 0.01, "none"), (0.4, None, "quantization")])
+def test_rounding_of_the_simulator_is_compared_with_that_of_the_record(
+        lsb, own, verdict):
+    y = np.random.default_rng(3).normal(size=2000)
+    y = lsb * np.round(y / lsb) if lsb else y
+    known = [Found(CATALOGUE["quantization"], values=dict(lsb=own))] * bool(own)
+    d = sensorlab.diagnose(y, DT, Simulator(WHITE, (tuple(known),)))
+    assert d.verdict == verdict
+    if verdict == "wrong_parameter":
+        values = d.found[0].values
+        assert values["parameter"][0] == "quantization.lsb"
+        assert values["factor"][0] == pytest.approx(lsb / own)
+        assert d.closure.closed > 0.5
+    rounded = [one.values["lsb"] for one in sensorlab.augmented(d).effects[0]]
+    assert rounded == pytest.approx([lsb or own] if lsb or own == 0.01 else [])
+
+
+def test_what_else_is_missing_is_found_beside_a_wrong_rounding():
+    y = np.random.default_rng(4).normal(size=2000) + np.sin(0.44 * np.arange(2000))
+    own = Found(CATALOGUE["quantization"], values=dict(lsb=0.8))
+    d = sensorlab.diagnose(y, DT, Simulator(WHITE, ((own,),)))
+    assert d.verdict == "wrong_parameter+sinusoid"
+    assert all(part.share > 0.1 and part.stays for part in d.parts)
+
+
+def test_a_record_whose_samples_do_not_repeat_has_another_rate_than_its_simulator():
+    y = np.random.default_rng(5).normal(size=2000)
+    own = Found(CATALOGUE["repeated_samples"],
+                values=dict(frequency=0.67 / DT, phase=0.0))
+    d = sensorlab.diagnose(y, DT, Simulator(WHITE, ((own,),)))
+    assert d.verdict == "wrong_parameter" and d.closure.closed > 0.8
+    assert d.found[0].values == dict(parameter=("repeated_samples.frequency", 0.0),
+                                     factor=(pytest.approx(1.0 / 0.67), 0.0))
 
 
 def polled(y, rate, phase):

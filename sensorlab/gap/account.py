@@ -265,7 +265,8 @@ def as_simulated(acc, scene, theta, widths=None):
               for one in acc.member.effects
               if not (one.effect.reading or one.effect.factor)]
     return Simulator((h,), ((*inside, *with_sizes(acc, scene, theta),
-                             *(r.found for r in acc.readings)),))
+                             *(r.found for r in acc.readings
+                               if r.found.values.get("lsb", 1.0))),))
 
 
 def _around(p, value, width):

@@ -256,11 +256,14 @@ def _telegraph(dt, dwell, size):
 # ---- readings: (scene, y, **values) alters the values y (..., N) in place
 
 def quantize(scene, y, lsb):
-    """Round to multiples of lsb, on the lattice of the scene's record if it has one."""
+    """Round to multiples of lsb, on the lattice of the scene's record if it has one; 0
+    is not rounded.
+    """
     raw = scene.y + scene.known
     seen = raw[~np.isnan(raw)]
     origin = seen[0] if len(seen) and lattice(raw) else 0.0
-    y[:] = origin + lsb * np.round((y - origin) / lsb)
+    if lsb:
+        y[:] = origin + lsb * np.round((y - origin) / lsb)
 
 
 def _saturate(scene, y, limits):

@@ -6,7 +6,7 @@ import numpy as np
 
 from sensorid import brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.account import (
-    Account, account, evidence_error, gaussian, mean_evidence)
+    Account, account, evidence_error, fixed, gaussian, mean_evidence)
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
@@ -341,9 +341,9 @@ def _inside(acc, found, number):
 def without(full, acc, found, number):
     """The account less effect `number` of those found, fitted again."""
     one = found[number]
-    hypotheses, signatures, readings = acc.hypotheses, acc.signatures, acc.readings
+    hypotheses, signatures = acc.hypotheses, acc.signatures
     if one.effect.reading:
-        readings = tuple(r for r in readings if r.found.name != one.name)
+        return _without_reading(full, acc, one)
     if one.effect.columns:
         # those of the simulator come first
         at = len(signatures) - sum(bool(f.effect.columns) for f in found[number:])
@@ -355,11 +355,25 @@ def without(full, acc, found, number):
                 key, base.parameters[_column(base, key)])
             for h, base in zip(hypotheses, acc.bases)]
     else:
-        key = one.name if one.effect.reading else _inside(acc, found, number).key
+        key = _inside(acc, found, number).key
         hypotheses = [h._replace(effects=tuple(
             e for e in h.effects if e.key != key)) for h in hypotheses]
-    return account(as_read(full, readings), acc.bases, hypotheses, signatures, readings,
-                   acc)
+    return account(as_read(full, acc.readings), acc.bases, hypotheses, signatures,
+                   acc.readings, acc)
+
+
+def _without_reading(full, acc, one):
+    """The account less a reading, or with the simulator's own instead."""
+    (gone,) = [r for r in acc.readings if r.found.effect.reading is one.effect.reading]
+    readings = tuple(gone.instead if r is gone else r for r in acc.readings
+                     if r is not gone or gone.instead)
+    own = fixed(**gone.instead.found.values) if gone.instead else {}
+    hypotheses = [h._replace(effects=tuple(
+        e._replace(values=own or e.values) if e.name == gone.found.name else e
+        for e in h.effects if own or e.name != gone.found.name))
+        for h in acc.hypotheses]
+    return account(as_read(full, readings), acc.bases, hypotheses, acc.signatures,
+                   readings, acc)
 
 
 MOST_STATES = 6    # of a shaping filter

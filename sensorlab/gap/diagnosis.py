@@ -18,8 +18,7 @@ from sensorlab.gap.effects import (
     BLOCK, Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
-from sensorlab.gap.readings import (
-    Reading, adds_noise, as_read, latent_mean, readings)
+from sensorlab.gap.readings import as_read, compared, latent_mean, missing
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared
@@ -113,10 +112,11 @@ EXPECTED = 18    # parts of the work, as `say` counts them, where nothing is fou
 def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     """`diagnose`, of a scene and a simulator that have been checked."""
     say("measuring where it differs", 2)
-    shared, new = _readings(raw, simulator, simulated is not None)
+    had, seen = compared(raw, [one for one in simulator.pairs[0][1]
+                               if one.effect.reading], simulated is not None)
     full, known, free, bases = _without_known(simulator, raw, latent_mean(
-        raw.y, [r.found for r in shared + new]))
-    base = _with_readings(full, bases, free, shared)
+        raw.y, [r.found for r in seen]))
+    base = _with_readings(full, bases, free, had)
     alone = distance(full, base, trials, seed)
     own = None if simulated is None else Twins(full, base, simulated, seed)
 
@@ -130,10 +130,9 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     def glanced(acc, near=None):
         say("measuring what is left", 2)
         return measured(acc, near, trials or enough_trials(full), None)
-    start = _with_readings(full, bases, free, shared + new) if new else base
-    found = Cause(tuple(r.found._replace(values={
-        symbol: (value, 0.0) for symbol, value in r.found.values.items()})
-        for r in new), 1.0, sum(r.log_bayes for r in new))
+    new = [r for r in seen if r.log_bayes]
+    start = _with_readings(full, bases, free, seen) if new else base
+    found = Cause(tuple(map(missing, new)), 1.0, sum(r.log_bayes for r in new))
 
     def described(done):
         return _described(full, done, before, measured)
@@ -339,36 +338,6 @@ def expected_mean(hypotheses, dt, samples):
         simulate(hypotheses, dt, samples, min(block, 64 - first), first=first
                  ).error.mean(1) for first in range(0, 64, block)])
     return float(np.sqrt(np.mean(means**2)))
-
-
-def _readings(raw, simulator, measured):
-    """Readings that the simulator has, as the record shows them, and further ones.
-
-    Where the simulator was `measured`, as the record was, both were rounded by the same
-    sensor: a record that lies on no lattice was added to since.
-    """
-    own = {one.name: one for one in simulator.pairs[0][1] if one.effect.reading}
-    seen = {r.found.name: r for r in readings(raw)}
-    shared = {name: r._replace(log_bayes=0.0) for name, r in seen.items()
-              if name in own and _alike(own[name].values, r.found.values)}
-    absent = [Reading(one, 0.0, np.zeros(len(raw.y), bool), False,
-                      measured and name == "quantization"
-                      and adds_noise(raw.y, one.values["lsb"]))
-              for name, one in own.items() if name not in seen and name != "stuck"]
-    return (*shared.values(), *absent), tuple(
-        r for name, r in seen.items() if name not in shared)
-
-
-ALIKE = 0.02    # relative: two counts or limits that are the same
-
-
-def _alike(own, seen):
-    """Is a reading of the simulator that of the record? Where samples stick or begin to
-    repeat may differ.
-    """
-    return all(symbol in ("spans", "phase")
-               or np.allclose(value, seen[symbol], rtol=ALIKE)
-               for symbol, value in own.items())
 
 
 def _with_readings(full, bases, signatures, read):

@@ -21,6 +21,7 @@ class Reading(NamedTuple):
     masked: np.ndarray   # (N,) samples that say nothing of the rest
     opaque: bool         # it hides what else there may be
     moved: bool = False  # something was added to the record after it was rounded
+    instead: "Reading" = None    # of the simulator's own, whose value is wrong
 
     __repr__ = brief
 
@@ -68,6 +69,68 @@ def readings(scene):
         seen.append(Reading(_found("quantization", lsb=lsb), COINCIDENCE * N,
                             np.zeros(N, bool), bool(lsb > HIDING * noise), bool(moved)))
     return tuple(seen)
+
+
+def compared(scene, own, measured):
+    """Readings (of Reading) that the simulator has and those that the record shows,
+    from those that are said to be its `own` (of Found). What both have is worth 0 nats.
+
+    Where the simulator was `measured`, as the record was, both were rounded by the same
+    sensor: a record that lies on no lattice was added to since.
+    """
+    seen, had = {r.found.name: r for r in readings(scene)}, {}
+    for one in own:
+        name, shown = one.name, seen.get(one.name)
+        mine = Reading(one, 0.0, np.zeros(len(scene.y), bool), False)
+        if shown and _alike(one.values, shown.found.values):
+            had[name] = seen[name] = shown._replace(log_bayes=0.0)
+        elif not shown and measured and name == "quantization" and adds_noise(
+                scene.y, one.values["lsb"]):
+            had[name] = seen[name] = mine._replace(moved=True)
+        elif name in WRONG and (shown or _would_show(scene, one)):
+            had[name], seen[name] = mine, (shown or mine._replace(
+                found=one._replace(values=WRONG[name][1](scene)),
+                log_bayes=COINCIDENCE * len(scene.y)))._replace(instead=mine)
+        elif not shown and name != "stuck":
+            had[name] = seen[name] = mine
+    return tuple(had.values()), tuple(seen.values())
+
+
+ALIKE = 0.02    # relative: two counts or limits that are the same
+WRONG = dict(    # which value of a reading may be wrong, and all where it does nothing
+    quantization=("lsb", lambda scene: dict(lsb=lattice(scene.y))),
+    repeated_samples=("frequency", lambda scene: dict(
+        frequency=1.0 / scene.dt, phase=np.pi)))
+
+
+def _alike(own, seen):
+    """Is a reading of the simulator that of the record? Where samples stick or begin to
+    repeat may differ.
+    """
+    return all(symbol in ("spans", "phase")
+               or np.allclose(value, seen[symbol], rtol=ALIKE)
+               for symbol, value in own.items())
+
+
+def _would_show(scene, one):
+    """Would a record like that of a scene show a reading of a simulator?"""
+    if one.name == "quantization":
+        return one.values["lsb"] > COARSE * lattice_and_noise(scene.y)[1]
+    return len(scene.y) * (1.0 - one.values["frequency"] * scene.dt) > 2.0 * FEWEST
+
+
+def missing(r):
+    """What a simulator lacks that has not a reading which the record shows, or has it
+    with a wrong value, as `Found`.
+    """
+    one, values = r.found, r.found.values
+    if r.instead:
+        symbol, _ = WRONG[one.name]
+        one = one._replace(effect=one.effect._replace(name="wrong_parameter"))
+        values = dict(parameter=f"{r.found.name}.{symbol}",
+                      factor=values[symbol] / r.instead.found.values[symbol])
+    return one._replace(values={
+        symbol: (value, 0.0) for symbol, value in values.items()})
 
 
 def _found(name, **values):

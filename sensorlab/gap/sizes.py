@@ -108,6 +108,8 @@ FACTORS = {9.80665: "g taken for m/s^2", 57.29578: "deg taken for rad",
 
 def looks_like(factor, sd, dt):
     """What a wrong factor usually is."""
+    if factor == 0.0:
+        return "the record has none"
     named = {**FACTORS, 1.0 / dt: "the sampling rate",
              dt**-0.5: "root of the rate: a density taken for a per-sample sigma, or "
              "the other way round"}
