@@ -1409,17 +1409,19 @@ def _scalar_nodes(b, size=GROUP):
     return np.stack([a, q, r, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero], 1)
 
 
-def _sums_records(b, y, observed, stretches, _):
+def _sums_records(b, y, observed, stretches, pairs):
+    """Sums of records, then those of the sums of pairs of them."""
     node, start = _scalar_nodes(b)
-    state = np.zeros((len(y), len(node), 3, GROUP))
+    rows = [(own,) for own in y] + [(y[one], y[other]) for one, other in pairs]
+    state = np.zeros((len(rows), len(node), 3, GROUP))
     for begin, end, last_gap in stretches:
-        for own, record in zip(state, y):
+        for own, row in zip(state, rows):
             memory = start.copy()
-            _by_groups(_advance_record, _record_of_group, record[begin:end],
-                       observed[begin:end], last_gap, node, memory,
-                       own.reshape(len(node), -1))
+            _by_groups(_advance_record, _record_of_group,
+                       sum(part[begin:end] for part in row), observed[begin:end],
+                       last_gap, node, memory, own.reshape(len(node), -1))
         start = memory
-        yield (*(state[:, :, part].reshape(len(y), -1)[:, :len(b.r)]
+        yield (*(state[:, :, part].reshape(len(rows), -1)[:, :len(b.r)]
                  for part in (1, 2)),
                *(memory[:, part].ravel()[:len(b.r)] for part in (2, 3)))
 
@@ -1427,19 +1429,23 @@ def _sums_records(b, y, observed, stretches, _):
 PIECE = 128 * TILE    # samples whose lanes are laid side by side at a time
 
 
-def _sums_trials(b, y, observed, stretches, _):
+def _sums_trials(b, y, observed, stretches, pairs):
+    """Sums of records, then those of the sums of pairs of them."""
     size = min(GROUP, -(-len(b.r) // 2))    # of few nodes every thread has a part
     node, memory = _scalar_nodes(b, size)
-    records, blocks = len(y), -(-len(y) // LANES)
+    (one, other), records = pairs.T, len(y) + len(pairs)
+    blocks = -(-records // LANES)
     state = np.zeros((len(node), size, blocks, 3, LANES))
     for begin, end, last_gap in stretches:
         last_gap += begin
         for first in range(begin, end, PIECE):
             last = min(first + PIECE, end)
             # the lanes of a sample lie side by side
-            lanes = np.zeros((blocks, last - first, LANES))
+            rows, lanes = y[:, first:last], np.zeros((blocks, last - first, LANES))
+            if len(pairs):
+                rows = np.vstack([rows, rows[one] + rows[other]])
             for block in range(blocks):
-                own = y[block * LANES:(block + 1) * LANES, first:last]
+                own = rows[block * LANES:(block + 1) * LANES]
                 lanes[block, :, :len(own)] = own.T
             _by_groups(_advance_trials, _trials_of_group, lanes.reshape(blocks, -1),
                        observed[first:last], last_gap - first, node, memory,
@@ -1452,11 +1458,11 @@ def _sums_trials(b, y, observed, stretches, _):
 def _sums_pairs(b, y, observed, stretches, pairs):
     """2 r's = (r + s)'(r + s) - r'r - s's: the one-state kernels give squares."""
     (C, M), (one, other) = (len(y), len(b.r)), pairs.T
-    rows = np.vstack([y, y[one] + y[other]])
     # records, or nodes, lie side by side: what leaves fewer lanes idle
-    run = (_sums_records if len(rows) * -(-M // GROUP) < M * -(-len(rows) // LANES)
+    rows = C + len(pairs)
+    run = (_sums_records if rows * -(-M // GROUP) < M * -(-rows // LANES)
            else _sums_trials)
-    for chi2, score, *rest in run(b, rows, observed, stretches, pairs):
+    for chi2, score, *rest in run(b, y, observed, stretches, pairs):
         yield (chi2[:C], score[:C], *rest,
                0.5 * (chi2[C:] - chi2[one] - chi2[other]))
 
