@@ -206,3 +206,12 @@ def test_outliers_beside_a_lattice_do_not_hide_it():
     (one,) = readings.readings(Scene(y, DT, {}))
     assert one.found.name == "quantization"
     assert one.found.values["lsb"] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("size", [0.1885, 0.31, 0.072])
+def test_a_level_that_came_after_the_rounding_is_no_limit(size):
+    rng = np.random.default_rng(11)
+    y = 0.05 * np.round(0.35 * rng.standard_normal(4000) / 0.05)
+    y += size * (np.cumsum(rng.random(4000) < 0.005) % 2)
+    (one,) = readings.readings(Scene(y, DT, {}))
+    assert one.moved and one.found.values["lsb"] == pytest.approx(0.05, rel=1e-3)

@@ -325,7 +325,7 @@ def _spacing_between(differences):
 
 MOST_NEIGHBOURS = 4000    # that are looked at
 WIDEST = 4.0       # of their spread: to a wider spacing, all are near zero
-NARROWEST = 0.1    # a finer one is how a file was printed
+NARROWEST = 0.07   # 0.1 of a white noise: a finer one is how a file was printed
 MOVED = 1.5    # times as coarse
 
 

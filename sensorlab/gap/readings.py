@@ -165,8 +165,9 @@ def _clipped(y, lsb, noise):
     for sign in (-1.0, 1.0):
         end = sign * np.max(sign * seen)
         # on a lattice, a few far out may meet on one value: what is next to it counts
-        before = max(np.sum(np.abs(y - (end - sign * k * lsb)) < 0.5 * lsb)
-                     for k in range(1, TAIL + 1))
+        near = [*sign * np.unique(sign * seen)[-TAIL - 1:-1], *(
+            end - sign * k * lsb for k in range(1, TAIL + 1) if lsb)]
+        before = max(np.sum(np.abs(y - v) <= 0.5 * lsb) for v in near)
         least = 3 if lsb < COARSE * noise else 3 * TAIL
         full = np.sum(y == end) >= least + 2.0 * before + 6.0 * np.sqrt(before)
         limits.append(float(end) if full else sign * np.inf)
