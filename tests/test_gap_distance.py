@@ -4,7 +4,7 @@ import generator
 import numba
 import numpy as np
 import pytest
-from conftest import DT, MODEL
+from conftest import DT, MODEL, member
 from numpy.testing import assert_allclose
 from scipy.stats import binom, kstest, norm
 
@@ -42,6 +42,21 @@ def test_statistics_of_white_residuals_are_standard_normal(N):
     value = found.value[:, listed]
     assert np.abs(value.mean(0)).max() < 0.25    # some are of a maximum
     assert np.abs(value.std(0) - 1.0).max() < 0.2
+
+
+def test_a_record_alone_is_whitened_as_one_of_many():
+    rng = np.random.default_rng(6)
+    scene = Scene(rng.normal(size=300), DT, {})
+    h = member(scene, MODEL[0], "narrow_band_noise", "correlated_noise")
+    theta = np.array([p.mean for p in h.parameters])
+    y, gap = rng.normal(size=(3, 300)), np.arange(300) % 17 == 3
+    y[:, gap] = np.nan
+    own = filters.filter_of(h, scene, (), theta, gap)
+    u = rng.normal(size=(3, 260))
+    for k in range(3):
+        assert_allclose(own.whitened(y[k:k + 1])[0], own.whitened(y)[k], rtol=1e-11)
+        assert_allclose(own.whitened_back(u[k:k + 1], 40)[0],
+                        own.whitened_back(u, 40)[k], rtol=1e-9, atol=1e-12)
 
 
 def test_residuals_that_go_back_through_the_filter_are_held_against_whitened_probes():

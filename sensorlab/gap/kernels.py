@@ -242,9 +242,29 @@ def whiten(y, H, turned, pair, gain, per_sigma):
     (2, n), the first two numbers of its states.
     """
     z, lanes = np.empty_like(y), lanes_for(len(y))
-    in_threads(_whiten_groups, groups(len(y), lanes), lanes, y, H, turned, pair, gain,
-               per_sigma, z)
+    if len(y) == 1:
+        _whiten_one(y[0], H, turned, pair, gain, per_sigma, z[0])
+    else:
+        in_threads(_whiten_groups, groups(len(y), lanes), lanes, y, H, turned, pair,
+                   gain, per_sigma, z)
     return z
+
+
+@njit(**KERNEL)
+def _whiten_one(y, H, turned, pair, gain, per_sigma, z):
+    """`whiten` of one record, without the cost of lanes."""
+    (N, n), (a, b) = H.shape, turned
+    x, before = np.zeros(n), np.empty(n)
+    for i in range(N):
+        nu = y[i]
+        before[:] = x
+        for s in range(n):
+            x[s] = a[s] * before[s] + b[s] * before[pair[s]]
+            nu -= H[i, s] * x[s]
+        if not np.isnan(nu):
+            for s in range(n):
+                x[s] += gain[i, s] * nu
+        z[i] = nu * per_sigma[i]
 
 
 @njit(**KERNEL)
@@ -276,9 +296,28 @@ def whiten_back(u, first, H, turned, pair, gain, per_sigma):
     `first`, times u (R, N - first), is these records times the result, of that shape.
     """
     result, lanes = np.empty_like(u), lanes_for(len(u))
-    in_threads(_whiten_groups_back, groups(len(u), lanes), lanes, u, first, H,
-               turned, pair, gain, per_sigma, result)
+    if len(u) == 1:
+        _whiten_one_back(u[0], first, H, turned, pair, gain, per_sigma, result[0])
+    else:
+        in_threads(_whiten_groups_back, groups(len(u), lanes), lanes, u, first, H,
+                   turned, pair, gain, per_sigma, result)
     return result
+
+
+@njit(**KERNEL)
+def _whiten_one_back(u, first, H, turned, pair, gain, per_sigma, result):
+    """`whiten_back` of one record, without the cost of lanes."""
+    n, (a, b) = H.shape[1], turned
+    x, after = np.zeros(n), np.empty(n)
+    for i in range(first + len(u) - 1, first - 1, -1):
+        nu = u[i - first] * per_sigma[i]
+        for s in range(n):
+            nu += gain[i, s] * x[s]
+        for s in range(n):
+            after[s] = x[s] - H[i, s] * nu
+        for s in range(n):
+            x[s] = a[s] * after[s] + b[pair[s]] * after[pair[s]]
+        result[i - first] = nu
 
 
 @njit(**KERNEL)
