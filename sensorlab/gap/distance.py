@@ -109,9 +109,9 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
 
     With `first`, of the samples from that one on, which had no part in the fit: nothing
     is taken away, but the simulated records have parameters drawn from the posterior.
-    With `before`, the gap to another simulator, the simulated records are held against
-    that one as well. `near` is the gap to a like account, if it is known; of this very
-    account and with this seed, its simulated records are the first.
+    With `before`, the gap to another simulator, as many simulated records as usual are
+    held against that one as well. `near` is the gap to a like account, if it is known;
+    of this very account and with this seed, its simulated records are the first.
     """
     trials = trials or enough_trials(scene)
     again = near is not None and near.ruler.fit.setting.acc is acc
@@ -128,15 +128,16 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     ruler = _Ruler(fit, *seen)
     real, stats, gain = ruler.laid(scene.y[None], setting.own, True)
     block = int(np.clip(BLOCK // len(scene.y), 1, -(-trials // 2)))
+    compared = 0 if before is None else enough_trials(scene)
 
     def measured(number):
         read = setting.drawn(simulator, min(block, trials - number), seed, number)
         _, part, gains = ruler.laid(*read)
-        return Drawn(number, part.value, gains, None if before is None else
-                     before.ruler.measured(read[0]))
+        return Drawn(number, part.value, gains, before.ruler.measured(read[0])
+                     if number < compared else None)
 
     def beside(part):
-        if before is None or part.beside is not None:
+        if part.first >= compared or part.beside is not None:
             return part
         read, _ = setting.drawn(simulator, len(part.gains), seed, part.first)
         return part._replace(beside=before.ruler.measured(read))
@@ -148,8 +149,9 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     d = ruler.distances(stats.value, gain)[0]
     stats = stats._replace(value=stats.value[0])
     return Gap(stats, d, null, *p_values(stats.place, ruler.usable, d, null), truth,
-               real.z[0, 0], real.log_score[0, 0], ruler, None if before is None else
-               np.vstack([part.beside for part in drawn]), tuple(drawn))
+               real.z[0, 0], real.log_score[0, 0], ruler, np.vstack(
+                   [part.beside for part in drawn if part.beside is not None])
+               if compared else None, tuple(drawn))
 
 
 def p_values(listed, usable, d, null):

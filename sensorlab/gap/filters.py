@@ -410,7 +410,7 @@ class Solved(NamedTuple):
 
     base: np.ndarray       # (M,) log-likelihood without a further signature
     residual: np.ndarray   # (M, N) C^-1 y less what bias and signatures explain
-    w: np.ndarray          # (M, c, N) C^-1 of the columns known already
+    w: np.ndarray          # (c, M, N) C^-1 of the columns known already
     cov: np.ndarray        # (M, c, c) of their sizes
     steps: np.ndarray      # (M, N)
     size: np.ndarray       # (M, c) sizes of the columns known already
@@ -429,11 +429,13 @@ def solve(h, scene, signatures, theta):
     b = _bank(h, scene, theta)
     one = _parts_at(h, scene, theta, b)
     w, steps, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.later, one.r)
-    M, c, N = w.shape
-    gram = row_products(w.reshape(-1, N), X).reshape(M, c, c)
+    c, M, N = w.shape
+    gram = np.moveaxis(row_products(w.reshape(-1, N), X).reshape(c, M, c), 1, 0)
     known = marginal(gram, log_det, observed.sum(), constants(h, signatures))
-    residual = w[:, 0] - np.einsum("mj,mji->mi", known.size, w[:, 1:])
-    return Solved(known.log_likelihood, residual, w[:, 1:], known.covariance, steps,
+    residual, w = w[0], w[1:]
+    for node, size in enumerate(known.size):
+        residual[node] -= np.einsum("j, ji -> i", size, w[:, node])
+    return Solved(known.log_likelihood, residual, w, known.covariance, steps,
                   known.size, _spectra(h, scene, theta, b), b, one)
 
 

@@ -529,12 +529,12 @@ def adjoint(y, observed, h, own, pair, later, r):
 
     y (C, N); h (n,) observes the states; own, pair, later and r as for
     `mixture_filters`.
-    Returns w (M, C, N), steps (M, N) and log_det (M,): P. De Jong, J. Penzer,
+    Returns w (C, M, N), steps (M, N) and log_det (M,): P. De Jong, J. Penzer,
     "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93, 1998, with the output
     shifted for good as the shock.
     """
-    M = own.shape[1]
-    w, steps, log_det = np.empty((M, *y.shape)), np.empty((M, y.shape[1])), np.empty(M)
+    (C, N), M = y.shape, own.shape[1]
+    w, steps, log_det = np.empty((C, M, N)), np.empty((M, N)), np.empty(M)
     lanes = lanes_for(M)
     in_threads(_go_there_and_back, groups(M, lanes), lanes, y, observed, h, own, pair,
                later, r, w, steps, log_det)
@@ -601,7 +601,7 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
                 for i in range(count):
                     steps[node[g], begin + i] = shocks[i, g]
                     for c in range(C):
-                        w[node[g], c, begin + i] = gain[c, i, g]
+                        w[c, node[g], begin + i] = gain[c, i, g]
         for g in range(min(lanes, M - group * lanes)):
             log_det[node[g]] = log_f[g]
 

@@ -23,31 +23,31 @@ from sensorlab.gap.signatures import (
 
 def _onset_scores(scene, family, solved):
     def of_node(k, gains_alone=False):
-        size, J = np.empty((2, 1, len(scene.y) - 1))
-        _step_sizes(0, 1, *(part[k:k + 1] for part in solved[1:5]), size, J)
-        return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
+        size, J = np.empty((2, len(scene.y) - 1))
+        _step_sizes(k, *solved[1:5], size, J)
+        return Scores(scene.time[1:], (size * size * J)[None], size[None],
+                      1.0 / np.sqrt(J)[None], 1)
     return of_node
 
 
 @njit(**KERNEL)
-def _step_sizes(first, last, residual, w, cov, steps, size, information):
-    """Least-squares size of a step at samples 1 ... N - 1, and its information, of the
-    parts of `Solved`: (M, N - 1) each.
+def _step_sizes(node, residual, w, cov, steps, size, information):
+    """Least-squares size of a step at samples 1 ... N - 1, and its information, each
+    (N - 1,), at one node of the parts of `Solved`.
     """
-    M, C, N = w.shape
-    for node in range(first, last):
-        number, cross = 0.0, np.zeros(C)
-        least = 1e-9 * steps[node].max()    # after the last sample seen there is none
-        for i in range(N - 1, 0, -1):
-            number += residual[node, i]
-            J = steps[node, i]
-            for c in range(C):
-                cross[c] += w[node, c, i]
-            for c in range(C):
-                for d in range(C):
-                    J -= cross[c] * cov[node, c, d] * cross[d]
-            J = max(J, 1e-6 * steps[node, i] + least)
-            size[node, i - 1], information[node, i - 1] = number / J, J
+    C, M, N = w.shape
+    number, cross = 0.0, np.zeros(C)
+    least = 1e-9 * steps[node].max()    # after the last sample seen there is none
+    for i in range(N - 1, 0, -1):
+        number += residual[node, i]
+        J = steps[node, i]
+        for c in range(C):
+            cross[c] += w[c, node, i]
+        for c in range(C):
+            for d in range(C):
+                J -= cross[c] * cov[node, c, d] * cross[d]
+        J = max(J, 1e-6 * steps[node, i] + least)
+        size[i - 1], information[i - 1] = number / J, J
 
 
 @njit(**KERNEL)

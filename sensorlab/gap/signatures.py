@@ -217,9 +217,9 @@ def information(scene, columns, solved):
         squares[..., i, i] = sums.chi2[i:m * k:k].T
     if k == 2:
         squares[..., 0, 1] = squares[..., 1, 0] = sums.products.T
-    M, c = solved.w.shape[:2]
-    cross = row_products(solved.w.reshape(-1, N), rows).reshape(M, c, m, k)
-    return squares - np.einsum("mcak,mcd,mdal->makl", cross, solved.cov, cross)
+    c, M = solved.w.shape[:2]
+    cross = row_products(solved.w.reshape(-1, N), rows).reshape(c, M, m, k)
+    return squares - np.einsum("cmak,mcd,dmal->makl", cross, solved.cov, cross)
 
 
 def least_squares(psi, number, J):
