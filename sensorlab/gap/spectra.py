@@ -80,8 +80,10 @@ def _densities(h, scene, theta, frequency):
     """Spectra (M, F) of a member at theta (M, p)."""
     own = processes(h, scene, theta)
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
-    a, q = own.a[..., None], own.q[..., None]
-    return own.r.mean(1)[:, None] + (q / ((1.0 - a)**2 + a * turn)).sum(1).real
+    density = np.tile(own.r.mean(1)[:, None], len(turn))
+    for a, q in zip(own.a.T[..., None], own.q.T[..., None]):
+        density += (q / ((1.0 - a)**2 + a * turn)).real
+    return density
 
 
 def promise(richer, scene, seen, theta):
