@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator
-from sensorlab.gap import catalogue, readings
+from sensorlab.gap import catalogue, readings, words
 
 
 def test_readings_are_seen_and_what_is_none_is_not():
@@ -80,6 +80,21 @@ def test_what_else_is_missing_is_found_beside_a_wrong_rounding():
     d = sensorlab.diagnose(y, DT, Simulator(WHITE, ((own,),)))
     assert d.verdict == "wrong_parameter+sinusoid"
     assert all(part.share > 0.1 and part.stays for part in d.parts)
+
+
+def test_other_units_are_wrong_in_the_noises_and_in_the_rounding():
+    rng = np.random.default_rng(5)
+    y = np.cumsum(0.02 * rng.normal(size=3000)) + rng.normal(size=3000)
+    own = Found(CATALOGUE["quantization"], values=dict(lsb=0.4))
+    h = sensorid.hypothesis("random_walk", sigma_w=(0.01, 0.04), sigma_v=(0.8, 1.2))
+    d = sensorlab.diagnose(9.80665e-3 * 0.4 * np.round(y / 0.4), DT,
+                           Simulator((h,), ((own,),)))
+    rounding, noises = d.found
+    assert rounding.values["factor"][0] == pytest.approx(9.80665e-3)
+    assert noises.values["parameter"][0] == "all"
+    assert words.headline(d).startswith(
+        "The simulator lacks the right lsb of its quantization and the right scale of "
+        "all its standard deviations (")
 
 
 def test_a_record_whose_samples_do_not_repeat_has_another_rate_than_its_simulator():

@@ -127,14 +127,12 @@ def of_values(ax, d, reading, unit):
         middle = int(np.convolve(reading.masked, np.ones(EXCERPT), "same").argmax())
     first = int(np.clip(middle - EXCERPT // 2, 0, max(N - EXCERPT, 0)))
     part = slice(first, min(first + EXCERPT, N))
-    if "lsb" in values:
-        lsb, seen = values["lsb"], y[~np.isnan(y)]
-        low, high = np.nanmin(y[part]), np.nanmax(y[part])
-        levels = seen[0] + lsb * np.arange(np.ceil((low - seen[0]) / lsb - 0.5),
-                                           np.floor((high - seen[0]) / lsb + 0.5) + 1)
-        for number, level in enumerate(levels):
-            ax.axhline(level, color=AFTER, linewidth=0.8, alpha=0.6,
-                       label=None if number else f"multiples of {lsb:.4g} {unit}")
+    own = reading.instead.found.values if reading.instead else {}
+    for lsb, colour, whose in ((own.get("lsb"), BEFORE, "the simulator's "),
+                               (values.get("lsb"), AFTER, "")):
+        for number, level in enumerate(_levels(y, part, lsb) if lsb else ()):
+            ax.axhline(level, color=colour, linewidth=0.8, alpha=0.6, label=None if
+                       number else f"{whose}multiples of {lsb:.4g} {unit}")
     for limit in values.get("limits", ()):
         if np.isfinite(limit):
             ax.axhline(limit, color=AFTER, label=f"limit {limit:.4g} {unit}")
@@ -145,6 +143,14 @@ def of_values(ax, d, reading, unit):
         ax.plot(scene.time[stuck], y[stuck], ".", color=BEFORE, markersize=6,
                 label="stuck")
     ax.set(xlabel="time, s", ylabel=f"error, {unit}")
+
+
+def _levels(y, part, lsb):
+    """Multiples of lsb, from the first value of a record on, about a part of it."""
+    first = y[~np.isnan(y)][0]
+    low, high = np.nanmin(y[part]), np.nanmax(y[part])
+    return first + lsb * np.arange(np.ceil((low - first) / lsb - 0.5),
+                                   np.floor((high - first) / lsb + 0.5) + 1)
 
 
 RESIDUAL_LABELS = dict(
@@ -196,8 +202,8 @@ def of_places(ax, d, view):
 
 def readings_found(d):
     """The readings among what was found."""
-    names = {one.name for one in d.found}
-    return [r for r in d.final.readings if r.found.name in names]
+    kinds = {one.effect.reading for one in d.found}
+    return [r for r in d.final.readings if r.found.effect.reading in kinds]
 
 
 def of_evidence(ax, d, view, unit):

@@ -1,9 +1,11 @@
 """A diagnosis in words: sentences and tables that an engineer reads, without theory."""
 
+import collections
+
 import numpy as np
 
 from sensorlab.gap.catalogue import CATALOGUE, lattice_between
-from sensorlab.gap.causes import LISTED_FROM
+from sensorlab.gap.causes import ALL, LISTED_FROM
 from sensorlab.gap.closure import LAGS
 from sensorlab.gap.places import FAR_OUT, UNITS
 from sensorlab.gap.sizes import chance, number, odds, percent, sizes, values_text
@@ -40,6 +42,8 @@ def phrase(effect, found=()):
         return f"a hysteresis in {one.column}"
     if one and effect == "wrong_parameter" and "parameter" in one.values:
         effect, _, symbol = one.values["parameter"][0].rpartition(".")
+        if symbol == ALL:
+            return "the right scale of all its standard deviations"
         return f"the right {symbol} of its {effect.replace('_', ' ')}" if effect else (
             f"the right value of {symbol}")
     return PHRASES.get(effect, effect.replace("_", " "))
@@ -63,17 +67,17 @@ def headline(d):
     if d.verdict == "unknown":
         return f"The simulator lacks {PHRASES['unknown']}."
     known = {**present(d.causes), **dict(split_families(d.causes))}
-    counted = {}
-    for name in d.verdict.split("+"):
-        counted[name] = counted.get(name, 0) + 1
-    said = []
+    counted, said = collections.Counter(d.verdict.split("+")), []
     for name, count in counted.items():
         members = tuple(name.split(" or "))
         probability = known.get(members if len(members) > 1 else name, 0.0)
         text = " or ".join(phrase(e, d.found) for e in members)
-        times = f"{count} times " if count > 1 else ""
-        said.append(f"{times}{text}" if name == "unknown" else
-                    f"{times}{text} ({percent(min(probability, 1.0))})")
+        if count > 1:
+            each = dict.fromkeys(phrase(name, [one]) for one in d.found
+                                 if one.name == name)
+            text = listed(each) if len(each) == count else f"{count} times {text}"
+        said.append(text if name == "unknown" else
+                    f"{text} ({percent(min(probability, 1.0))})")
     return f"The simulator lacks {listed(said)}."
 
 
@@ -92,7 +96,7 @@ def gap_sentence(d):
 
 def with_found(d):
     """What the simulator with effects is called in a picture."""
-    names = list(dict.fromkeys(phrase(one.name, d.found) for one in d.found))
+    names = list(dict.fromkeys(phrase(one.name, [one]) for one in d.found))
     return "with " + (listed(names) if len(names) < 3 else f"{len(names)} effects")
 
 
