@@ -11,7 +11,7 @@ from sensorlab.commands import in_one_line
 PAPER = {**{str(n): f"fig{n}" for n in range(1, 7)}, "audit": "audit", "table": "table"}
 NAMES = {**PAPER, "7": "fig7", "8": "fig8", **{
     name: name for name in ("cost", "scaling", "ranks", "withheld", "gap", "hostile",
-                            "real", "plan")}}
+                            "outside", "real", "plan")}}
 
 
 def main(argv=None):
@@ -20,7 +20,7 @@ def main(argv=None):
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("which", nargs="*", metavar="FIGURE",
                         help=f"any of {', '.join(NAMES)}; by default all but "
-                             "the last nine, which tell of the method, not the paper")
+                             "the last eleven, which tell of the method, not the paper")
     parser.add_argument("--quick", action="store_true",
                          help="a small version: 64 samples a case at 1 s instead of "
                               "500 at 0.1 s")

@@ -1,6 +1,7 @@
 """Signatures against least squares and quadrature."""
 
 import numpy as np
+import pytest
 from conftest import DT, MODEL, dense, member
 from numpy.testing import assert_allclose
 from scipy import integrate as quadrature
@@ -9,7 +10,7 @@ from scipy.stats import norm
 import sensorid
 from figures import hostile
 from sensorlab import CATALOGUE, Scene
-from sensorlab.gap import directed, filters, scans, signatures
+from sensorlab.gap import directed, filters, onsets, scans, signatures
 from sensorlab.gap.account import account
 
 
@@ -30,23 +31,41 @@ def test_gain_of_a_sinusoid_is_that_of_least_squares():
                         rtol=1e-6 if i < 60 else 0.04)
 
 
-def test_no_pulse_gains_more_than_by_least_squares():
+def shape_of(variant, since, duration):
+    """A pulse, or a slow step, as the catalogue prints it."""
+    s, on = np.maximum(since, 0.0) / duration, since >= 0.0
+    return {"rectangular": on * (s < 1.0), "half sine": on * (s < 1.0) * np.sin(
+        np.pi * s), "decaying": on * np.exp(-3.0 * s), "": 1.0 - np.exp(-3.0 * s)
+    }[variant]
+
+
+@pytest.mark.parametrize("effect, variants", [
+    ("pulse", ["rectangular", "half sine", "decaying"]), ("gradual_step", [""])])
+def test_no_pulse_gains_more_than_by_least_squares(effect, variants):
     y = sensorid.simulate(MODEL[1:], DT, 400, seed=4).error[0]
     scene, theta = Scene(y, DT, {}), np.array([[300.0, 0.9, 0.4]])
     h = member(scene, MODEL[1])
     solved = filters.solve(h, scene, (), theta)
-    found = scans.scores(scene, signatures.Family(CATALOGUE["pulse"], ""), solved)
+    family = signatures.Family(CATALOGUE[effect], "")
+    found, tried = scans.scores(scene, family, solved), onsets._spans(
+        scene, family, solved)
     inverse = np.linalg.inv(dense(theta[0], 400))
-    grid = len(found.psi) - len(scans._between_edges(scene, solved))
-    likely = found.gain[0, :grid].argsort()[-scans.LIKELY:]
-    for i in [*np.random.default_rng(0).integers(0, grid, 20), *likely]:
+    grid = tried.ends[-1]
+    likely = found.gain[0, :grid].argsort()[-onsets.LIKELY // 2:]
+    seen = set()
+    for i in [*np.random.default_rng(0).integers(0, grid, 60), *likely]:
         onset, duration = found.psi[i]
-        s = ((scene.time >= onset) & (scene.time < onset + duration)).astype(float)
+        variant = tried.variant[tried.kind(i)]
+        s = shape_of(variant, scene.time - onset, duration)
         b, J = s @ inverse @ y, s @ inverse @ s
-        assert_allclose(found.size[0, i] / found.sd[0, i]**2, b, rtol=1e-8)
-        assert 0.5 < found.gain[0, i] / (b * b / J) < 1.0 + 1e-8
+        # long curves are held against sums, of a score of one standard deviation
+        assert_allclose(found.size[0, i] / found.sd[0, i]**2, b, atol=0.05 * J**0.5)
+        assert found.gain[0, i]**0.5 < 1.05 * abs(b) / J**0.5 + 0.05
+        assert found.sd[0, i]**-2 < 2.0 * J
         if i in likely:
             assert_allclose(found.gain[0, i], b * b / J, rtol=1e-8)
+        seen.add(variant)
+    assert sorted(seen) == sorted(variants)
 
 
 def test_a_pulse_on_a_walk_is_found_between_its_edges():
@@ -63,9 +82,10 @@ def test_a_pulse_on_a_walk_is_found_between_its_edges():
     onset, n = found.psi[best].astype(int)
     assert_allclose((onset, onset + n), (407, 527), atol=3)
     # B of the pulse stands for its mean over the cell of the grid that it lies in
-    step, apart = n // scans.PARTS, n * np.log(scans.DURATION_STEP)
+    step, apart = n // onsets.PARTS, n * np.log(onsets.DURATION_STEP)
     near = [(onset + i, n + j - i) for i in range(-8, 9) for j in range(-8, 9)]
-    gain = scans.scores_at(scene, family, solved, near).gain[0]
+    gain = scans.scores_at(scene, family._replace(variant="rectangular"), solved,
+                           near).gain[0]
     mean = np.exp(0.5 * (gain - gain.max())).sum() / (step * apart)
     assert_allclose(0.5 * (found.gain[0, best] - gain.max()), np.log(mean), atol=0.7)
 

@@ -37,7 +37,7 @@ Notation
 
 The files read in the order of the argument; each takes only from those before it:
 costs, effects, catalogue, kernels, filters, evidence, screens, spectra, signatures,
-scans, readings, account, directed, causes, probes, places, distance, closure, drift,
-twins, flexible, search, remainder, verdict, diagnosis, blackbox, sizes, words, report,
-curves.
+onsets, scans, readings, account, directed, causes, probes, places, distance, closure,
+drift, twins, flexible, search, remainder, verdict, diagnosis, blackbox, sizes, words,
+report, curves.
 """

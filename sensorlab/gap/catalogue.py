@@ -31,8 +31,29 @@ def _from_onset(scene, x, psi):
 
 def _between(scene, x, psi):
     onset, duration = psi
-    since = scene.time - onset + 1e-9 * scene.dt
-    yield "", ((since >= 0.0) & (since < duration))[:, None].astype(float)
+    yield "rectangular", _from(scene, onset, duration, np.ones_like)
+    yield "half sine", _from(scene, onset, duration, lambda t: np.sin(
+        np.pi / duration * t))
+    yield "decaying", _from(scene, onset, 12.0 * duration, lambda t: np.exp(
+        -DECAYS / duration * t))    # exp(-36) is nothing
+
+
+def _settling(scene, x, psi):
+    onset, duration = psi
+    if len(scene.y) >= 4 * MIN_SLOW:    # a shorter record shows but a step
+        yield "", _from(scene, onset, np.inf, lambda t: -np.expm1(
+            -DECAYS / duration * t))
+
+
+DECAYS = 3.0    # time constants until what decays is said to be over: 5 % are left
+
+
+def _from(scene, onset, duration, law):
+    """Column (N, 1) of a law of the time since an onset, for so long, 0 else."""
+    column, early = np.zeros((len(scene.y), 1)), 1e-9 * scene.dt
+    own = slice(*np.searchsorted(scene.time, [onset - early, onset + duration - early]))
+    column[own, 0] = law(np.maximum(scene.time[own] - onset, 0.0))
+    return column
 
 
 def _parabola(scene, x, psi):
@@ -407,6 +428,8 @@ def _spread(scene):
 
 
 MIN_PULSE = 3     # samples: fewer are outliers
+MIN_SHAPED = 8    # of a pulse: fewer have no shape but a rectangle
+MIN_SLOW = 64     # of a slow step: fewer are a step
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
 
 
@@ -428,9 +451,17 @@ CATALOGUE = {effect.name: effect for effect in (
     Effect("pulse", columns=_between, search="pulse",
            parameters=lambda s: (_onset(s), _log("duration", MIN_PULSE * s.dt,
                                                  0.5 * s.duration)),
-           equation="y + size from t = onset to onset + duration; both in s, size in u",
+           equation="y + size f, from t = onset on; f = 1 or sin(pi s), 0 <= s < 1, or "
+                    "exp(-3 s), s = (t - onset) / duration; both in s, size in u",
            resembles="random telegraph, two bias steps, outliers",
            experiment="look for what happened then: a shock, another load"),
+    Effect("gradual_step", columns=_settling, search="pulse",
+           parameters=lambda s: (_onset(s), _log("duration", MIN_SLOW * s.dt,
+                                                 0.5 * s.duration)),
+           equation="y + size (1 - exp(-3 s)), s = (t - onset) / duration > 0; both in "
+                    "s, size in u",
+           resembles="bias step, turn-on transient, random walk",
+           experiment="look for what changed at the onset: a load, a heater"),
     Effect("second_order_drift", columns=_parabola, size="curvature",
            parameters=lambda s: (Parameter("vertex", 0.2 * s.duration,
                                            0.8 * s.duration),),

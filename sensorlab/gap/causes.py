@@ -36,6 +36,11 @@ class Cause(NamedTuple):
         return tuple(one.name for one in self.found)
 
     @property
+    def names(self):
+        """Their names in whatever order they were found; unknown is the last."""
+        return tuple(sorted(self.effects, key=lambda name: (name == "unknown", name)))
+
+    @property
     def effect(self):
         """Their names as one."""
         return "+".join(self.effects) or "none"

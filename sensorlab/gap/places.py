@@ -111,6 +111,7 @@ def statistics(z, y, scene, probes):
              zip(probes.listed, probes.products(r.z))]
     every = [*(("time", one) for one in _in_time(r)), *level,
              *(("frequency", one) for one in _in_frequency(*spectrum)),
+             *(("frequency", one) for one in _moving_line(r)),
              *(("averaging_time", one) for one in _in_averaging_time(r)),
              *(("lag", one) for one in _in_lag(r, *spectrum)),
              *(("amplitude", one) for one in _in_amplitude(r)),
@@ -173,6 +174,51 @@ def _in_frequency(frequency, power):
                    _chi2_score(2.0 * band.sum(1), 2 * n))
         at = frequency[low + band.argmax(1)[0]]
         yield _One(at, at, _largest_score(-band.max(1), n))
+
+
+MOVING = 16, 128    # parts in which a line that moves is sought; samples in one at
+                    # most
+TRACKED = 16        # parts that are told apart
+
+
+def _moving_line(r):
+    """The largest sum of power along a line in time and frequency: what sweeps through
+    many frequencies is at none for long.
+    """
+    R, N = r.z.shape
+    length = prev_fast_len(int(np.clip(N // MOVING[0], 4, MOVING[1])), real=True)
+    parts = N // length
+    line = np.fft.rfft(r.z[:, :parts * length].reshape(R, parts, length))[..., 1:]
+    power = (line.real**2 + line.imag**2) / (length * r.count / N)[:, None, None]
+    several = -(-parts // TRACKED)    # are summed, as many as leave none over
+    parts = parts // several * several
+    power = power[:, :parts].reshape(R, -1, several, power.shape[2]).sum(2)
+    largest, ends = np.zeros(R), np.zeros((R, 2), int)
+    in_threads(_largest_track, R, power, largest, ends)
+    yield _One(*(np.sort(ends[0] + 1) / (length * r.scene.dt)),
+               _chi2_score(2.0 * largest, 2 * parts))
+
+
+@njit(**KERNEL)
+def _largest_track(first, last, power, largest, ends):
+    """Of powers (R, parts, frequencies): the largest sum along straight lines from the
+    first part to the last, and the frequencies of its ends (R, 2).
+    """
+    _, parts, F = power.shape
+    sums = np.empty(F)
+    for record in range(first, last):
+        for begin in range(F):
+            for k in range(F):
+                sums[k] = 0.0
+            for part in range(parts):
+                share = (part + 0.5) / parts
+                for k in range(F):
+                    sums[k] += power[record, part, int(begin + (k - begin) * share + 0.5
+                                                       )]
+            for k in range(F):
+                if sums[k] > largest[record]:
+                    largest[record] = sums[k]
+                    ends[record, 0], ends[record, 1] = begin, k
 
 
 def _in_averaging_time(r):

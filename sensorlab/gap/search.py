@@ -1,4 +1,5 @@
-"""The search for a set of effects: one more at a time, and what is needless is dropped.
+"""The search for a set of effects: one more at a time; what is needless is dropped, and
+what another effect explains better beside all others is exchanged.
 """
 
 from typing import NamedTuple
@@ -15,6 +16,8 @@ from sensorlab.gap.readings import as_read
 MAX_EFFECTS = 6         # beside readings
 MAX_DOUBTFUL = 2        # one after another that may stand in for something unknown
 MAX_LOOKS = 8           # with what the simulator's own records show, too
+MAX_EXCHANGES = 2
+MAX_ASKED = 3           # effects that may be exchanged: those that are needed least
 LOOK_ON = 0.2           # p-value from which on no second process is looked for
 
 
@@ -42,6 +45,7 @@ def search(full, start, readings, effects, before, glanced, shared):
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     added, doubtful, leaves, after, left, lesser = 0, 0, {}, before, 0.0, {}
+    exchanges = 0
     if path.found:
         after = glanced(acc)
     for _ in range(0 if any(r.opaque for r in start.readings) else MAX_LOOKS):
@@ -54,7 +58,13 @@ def search(full, start, readings, effects, before, glanced, shared):
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])
         if look.account is None:
-            return Search(acc, lesser, path, leaves, after, left)
+            path, leaves, better = _exchanged(full, acc, path, leaves, lesser, effects,
+                                              shared)
+            if better is None or exchanges == MAX_EXCHANGES:
+                return Search(acc, lesser, path, leaves, after, left)
+            acc, lesser, exchanges = better, {}, exchanges + 1
+            after = glanced(acc, after)
+            continue
         (one,) = found[0].found
         if shared(one, look.account, scene):
             acc, leaves, lesser = look.account, before_it, {}
@@ -113,6 +123,42 @@ def _without_needless(full, acc, path, leaves, prior):
         else:
             lesser[number] = less
     return acc, lesser, path, leaves
+
+
+def _exchanged(full, acc, path, leaves, lesser, effects, shared):
+    """Beside all others, is another effect more probable than one that was found before
+    the last? The path, the leaves, and the account with the exchange, or None.
+
+    What may as well stand in its place is among the leaves.
+    """
+    asked = sorted((
+        (number, *_less(full, acc, lesser, path, number))
+        for number, one in enumerate(path.found[:-1]) if not one.effect.reading),
+        key=lambda own: -own[1].log_evidence)
+    scene, leaf = as_read(full, acc.readings), leaves[path.effect]
+    for number, less, rest in asked[:MAX_ASKED]:
+        look, name = further_causes(scene, less, effects), path.found[number].name
+        here = max([c.probability for c in look.causes if c.effect == name] or [1e-12])
+        best = next(c for c in look.causes if c.found)
+        if look.account is not None and best.probability > here and not shared(
+                best.found[0], look.account, scene):
+            kept = here / (here + best.probability)
+            new = scaled(_joined(rest, best)._replace(
+                probability=path.probability), 1.0 - kept, 0.0)
+            return new, {
+                key: scaled(c, kept, 0.0) if c.effects[:len(path.found)] == path.effects
+                else c for key, c in leaves.items() if c.names != new.names
+            }, look.account
+        for c in look.causes:
+            instead = _joined(rest, c)._replace(
+                probability=leaf.probability * c.probability / here)
+            known = sum(one.probability for one in leaves.values()
+                        if one.names == instead.names)
+            if c.effect != name and instead.probability > known:
+                leaves = {instead.effect: instead, **{
+                    key: one for key, one in leaves.items()
+                    if one.names != instead.names}}
+    return path, leaves, None
 
 
 def _joined(path, cause):

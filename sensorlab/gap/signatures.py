@@ -12,7 +12,7 @@ from numba import njit
 
 from sensorid import JIT, LANES, brief
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.effects import BLOCK, Effect
+from sensorlab.gap.effects import BLOCK, Effect, psi_of
 from sensorlab.gap.filters import summed
 from sensorlab.gap.kernels import KERNEL, row_products
 
@@ -107,6 +107,7 @@ class Family(NamedTuple):
     effect: Effect
     column: str          # "" where none is needed
     psi: tuple = None    # values of its parameter; None where a scan knows better
+    variant: str = ""    # the only one that is tried; "" are all
 
     __repr__ = brief
 
@@ -127,14 +128,16 @@ def families(scene, effects, signatures=()):
             and (name == effect.column or effect.column == "any"
                  or effect.column == "*" and name not in named)]
         for column in beside:
-            if effect.search:
-                result.append(Family(effect, column))
-            elif (effect.name, column) not in known:
-                psi = [p.quantile(np.linspace(0.0, 1.0, PSI_COUNT))
-                       for p in effect.parameters(scene)]
-                family = Family(effect, column, tuple([*psi, [np.nan]][0]))
-                if next(_columns(scene, family, family.psi), None):
-                    result.append(family)
+            if not effect.search and (effect.name, column) in known:
+                continue
+            priors = effect.parameters(scene)
+            family = Family(effect, column, None if effect.search else tuple([*(
+                p.quantile(np.linspace(0.0, 1.0, PSI_COUNT)) for p in priors),
+                [np.nan]][0]))
+            some = family.psi or [psi_of(scene, effect, {
+                p.symbol: p.mean for p in priors})]
+            if next(_columns(scene, family, some), None):
+                result.append(family)
     return result
 
 
@@ -179,6 +182,8 @@ def _columns(scene, family, psi):
     x, N = scene.columns.get(family.column), len(scene.y)
     for value in psi:
         for variant, columns in family.effect.columns(scene, x, value):
+            if family.variant not in ("", variant):
+                continue
             if columns.shape not in ((N, 1), (N, 2)):
                 raise ValueError(
                     f"effect {family.effect.name} builds columns of shape "

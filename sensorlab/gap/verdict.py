@@ -55,12 +55,14 @@ def all_causes(search, start, before, rest, staying):
                 found=(*beside, Found(UNKNOWN))), unknown)):
             own = scaled(c._replace(error=np.hypot(
                 c.error, c.probability / total * of_total)), part / total, off / total)
-            known = chance.get(one.effect, one._replace(probability=0.0, error=0.0))
-            chance[one.effect] = known._replace(
-                probability=float(known.probability + own.probability),
-                error=float(np.hypot(known.error, own.error)))
+            known = chance.get(one.names, one._replace(probability=0.0, error=0.0))
+            # the order in which they were found is that of the more probable way
+            chance[one.names] = max(
+                known, own._replace(found=one.found), key=lambda c: c.probability
+            )._replace(probability=float(known.probability + own.probability),
+                       error=float(np.hypot(known.error, own.error)))
     for c in (Cause((), 0.0, 0.0), Cause((Found(UNKNOWN),), 0.0, 0.0)):
-        chance.setdefault(c.effect, c)
+        chance.setdefault(c.names, c)
     return tuple(sorted(chance.values(), key=lambda c: -c.probability))
 
 
@@ -84,7 +86,7 @@ def present(causes):
 
 
 FAMILIES = (    # effects that a record may show to be one of them, but not which
-    ("temperature", "thermal_lag"), ("bias_step", "pulse"),
+    ("temperature", "thermal_lag"), ("bias_step", "pulse", "gradual_step"),
     ("sinusoid", "narrow_band_noise"),
     ("rate_ramp", "second_order_drift", "turn_on_transient"),
     ("correlated_noise", "bias_instability", "random_telegraph"))

@@ -1,0 +1,312 @@
+"""Signatures that begin at some time: steps at every onset, pulses and slow steps of
+every duration.
+
+A scan is a function that gives the `Scores` of one node: see `scans`.
+"""
+
+import itertools
+from typing import Callable, NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.interpolate import PchipInterpolator
+from scipy.signal import find_peaks
+
+from sensorlab.gap.catalogue import DECAYS, MIN_PULSE, MIN_SHAPED, MIN_SLOW
+from sensorlab.gap.evidence import normalized
+from sensorlab.gap.kernels import KERNEL
+from sensorlab.gap.signatures import Scores, blocks, information, joined, scores_at
+
+
+def step_scores(scene, family, solved):
+    def of_node(k, gains_alone=False):
+        size, J = np.empty((2, len(scene.y) - 1))
+        _step_sizes(k, *solved[1:5], size, J)
+        return Scores(scene.time[1:], (size * size * J)[None], size[None],
+                      1.0 / np.sqrt(J)[None], 1)
+    return of_node
+
+
+@njit(**KERNEL)
+def _step_sizes(node, residual, w, cov, steps, size, information):
+    """Least-squares size of a step at samples 1 ... N - 1, and its information, each
+    (N - 1,), at one node of the parts of `Solved`.
+    """
+    C, M, N = w.shape
+    number, cross = 0.0, np.zeros(C)
+    least = 1e-9 * steps[node].max()    # after the last sample seen there is none
+    for i in range(N - 1, 0, -1):
+        number += residual[node, i]
+        J = steps[node, i]
+        for c in range(C):
+            cross[c] += w[c, node, i]
+        for c in range(C):
+            for d in range(C):
+                J -= cross[c] * cov[node, c, d] * cross[d]
+        J = max(J, 1e-6 * steps[node, i] + least)
+        size[i - 1], information[i - 1] = number / J, J
+
+
+# ---- pulses and slow steps
+
+RECTANGULAR = "rectangular"
+
+
+class _Shape(NamedTuple):
+    """A shape of n samples: the real part of w rho^j, j the samples since its onset, or
+    the sum of that over the samples before.
+    """
+
+    law: Callable            # n -> w, rho
+    least: int               # samples
+    ends: bool = False       # after n samples; or w rho^j dies away
+    mounts: bool = False     # it is the sum
+    falls: bool = False      # it is 1 less the sum
+
+
+def _arc(n):
+    rho = np.exp(1j * np.pi / n)
+    return -1j * (rho - 1.0), rho
+
+
+def _decay(n):
+    return -np.expm1(-DECAYS / n), np.exp(-DECAYS / n)
+
+
+SHAPES = {    # by variant: those of `pulse`, and that of `gradual_step`
+    RECTANGULAR: _Shape(lambda n: (1.0, 1.0), MIN_PULSE, ends=True),
+    "half sine": _Shape(_arc, MIN_SHAPED, ends=True, mounts=True),
+    "decaying": _Shape(_decay, MIN_SHAPED, mounts=True, falls=True),
+    "": _Shape(_decay, MIN_SLOW, mounts=True)}
+
+DURATION_STEP = 1.6    # ratio of one duration to the next
+PARTS = 4              # of its duration, by which onsets are apart
+FINE = 16              # parts of a duration, at least: a longer shape is held against
+                       # sums of samples
+KNOTS = 0.0, 0.05, 0.5, 0.95    # of all onsets, where information is exact
+APART = 3              # durations, from one whose information is exact to the next
+LIKELY = 16            # shapes whose information is exact wherever they are
+EDGES = 12             # onsets of steps that may be edges of a pulse
+
+
+class _Spans(NamedTuple):
+    """Shapes of S kinds and durations, each at every onset that is tried."""
+
+    variant: list          # (S,) names
+    length: np.ndarray     # (S, 4) samples that are summed before, such sums in a
+                           # duration, such sums from one onset to the next; onsets
+    law: np.ndarray        # (S, 3) w, rho, and rho^n, or 0 if it does not end
+    count: np.ndarray      # onsets of which the information is taken to be the same
+    J: np.ndarray          # (M, len(count)) that
+
+    @property
+    def ends(self):
+        """Numbers (S + 1,) of the first onset of each, among all, and of all."""
+        return np.append(0, np.cumsum(self.length[:, 3]))
+
+    def numbers(self, residual):
+        """Sums of all shapes times a residual (N,)."""
+        result, rows, at = np.empty(self.ends[-1]), residual[1:], 0
+        left = rows[::-1].cumsum()[::-1]    # a sum is held against the sum of what is
+        sums = [_summed(x, self.length[:, 0].max()) for x in (rows, left[1:])]    # left
+        for variant, (by, n, every, count), law in zip(
+                self.variant, self.length.tolist(), self.law):
+            shape, own = SHAPES[variant], result[at:at + count]
+            _sums_over(sums[shape.mounts][by], n, every, *law, own)
+            if shape.falls:
+                np.subtract(left[:1 + (count - 1) * every * by:every * by], own, own)
+            at += count
+        return result
+
+    def kind(self, number):
+        """Which of the S some of all that are tried are."""
+        return np.searchsorted(self.ends, number, "right") - 1
+
+    def spans(self, number):
+        """First sample and samples (m, 2) of some of all that are tried."""
+        kind = self.kind(number)
+        by, n, every, _ = self.length[kind].T
+        return np.column_stack([1 + (number - self.ends[kind]) * every * by, n * by])
+
+
+def _spans(scene, family, solved):
+    """`_Spans` of all shapes of a family."""
+    variants, lengths, laws, counts, informations = [], [], [], [], []
+    for variant, _ in family.effect.columns(scene, None, (scene.dt, scene.duration)):
+        shape = SHAPES[variant]
+        for n, knots, J in _known(scene, family._replace(variant=variant), solved):
+            by = _fineness(n)
+            every = max(n // by // PARTS, 1)
+            count = ((len(scene.y) - 1) // by - n // by) // every + 1
+            w, rho = map(complex, shape.law(n))
+            variants.append(variant)
+            lengths.append((by, n // by, every, count))
+            mean = 1.0 if rho == 1.0 else (1.0 - rho**by) / (1.0 - rho) / by
+            laws.append((w * mean, rho**by, rho**n * shape.ends))
+            counts.append(np.diff([0, *(knots[1:-1] - 1) // (every * by), count]))
+            informations.append(np.maximum(J[:, 1:], J[:, :-1]))
+    return _Spans(variants, np.array(lengths), np.array(laws), np.concatenate(counts),
+                  np.concatenate(informations, axis=1))
+
+
+def _fineness(n):
+    """How many samples are summed before a shape of n samples is held against them: of
+    a curve, its slope is what is a little coarse.
+    """
+    return 2**max(int(np.log2(n / FINE)), 0)
+
+
+def _summed(rows, most):
+    """Sums of rows (N,) by 1, 2, 4 ... `most` samples."""
+    result, by = {1: rows}, 1
+    while by < most:
+        rows, by = rows[:-1:2] + rows[1::2], 2 * by
+        result[by] = rows
+    return result
+
+
+def _known(scene, family, solved):
+    """Durations of the one shape of a family, in samples, with onsets at the knots and
+    their information (M, KNOTS). Between durations at which that is exact, its
+    logarithm is a monotone cubic in that of the duration.
+    """
+    N = len(scene.y)
+    least = min(SHAPES[family.variant].least, N // 4)
+    lengths = np.exp(np.arange(np.log(least), np.log(N / 2.0), np.log(DURATION_STEP)))
+    lengths = np.unique([round(n / _fineness(n)) * _fineness(n) for n in lengths])
+    knots = np.round(1 + np.multiply.outer(N - lengths - 2, KNOTS)).astype(int)
+    some = np.unique([*range(0, len(lengths), APART), len(lengths) - 1])
+    J = np.concatenate([information(scene, block.columns, solved)[..., 0, 0]
+                        for block in blocks(scene, family, [
+                            (i * scene.dt, n * scene.dt)
+                            for n, at in zip(lengths[some], knots[some])
+                            for i in at])], axis=1)
+    log_J = np.log(np.maximum(J, 1e-300)).reshape(len(J), len(some), len(KNOTS))
+    if len(some) > 1:
+        log_J = PchipInterpolator(np.log(lengths[some]), log_J, axis=1)(np.log(lengths))
+    return zip(lengths.tolist(), knots, np.moveaxis(np.exp(log_J), 1, 0))
+
+
+def span_scores(scene, family, solved):
+    """Pulses, or slow steps, of any duration, which begin a fourth of it apart at most,
+    and rectangular pulses between two likely edges, which a walk shows to a few
+    samples.
+
+    Between two knots their information is taken to be the larger of both, so that no
+    gain is too large; that of the likely ones is exact.
+    """
+    tried = _spans(scene, family, solved)
+    gain = tried.numbers(solved.residual.mean(0))**2 / np.repeat(
+        tried.J.mean(0), tried.count)
+    count = len(gain)
+    likely = np.sort(np.argpartition(-gain, min(LIKELY, count - 1))[:LIKELY])
+    variant = np.array(tried.variant)[tried.kind(likely)]
+    found = [_scores_of(scene, family, solved, name,
+                        tried.spans(likely[variant == name]))
+             for name in dict.fromkeys(variant.tolist())]
+    between = _between_edges(scene, solved) if RECTANGULAR in tried.variant else []
+    if between:
+        exact = _scores_of(scene, family, solved, RECTANGULAR, np.array(between))
+        less = np.array([_share(solved.residual, *pulse, 1.0 / sd**2)
+                         for pulse, sd in zip(between, exact.sd.T)])
+        found.append(exact._replace(
+            gain=np.maximum(exact.gain + 2.0 * np.log(less), 0.0)))
+        likely = np.append(likely, np.arange(count, count + len(between)))
+    found = joined(found)
+
+    def of_node(k, gains_alone=False):
+        number, J = np.ones((2, count + len(between)))
+        number[:count] = tried.numbers(solved.residual[k])
+        J[:count] = np.repeat(tried.J[k], tried.count)
+        if gains_alone:
+            number *= number
+            number /= J
+            number[likely] = found.gain[k]
+            return Scores(None, number[None], None, None, 1)
+        psi = np.empty((len(number), 2))
+        psi[:count] = scene.dt * tried.spans(np.arange(count))
+        psi[likely] = found.psi
+        gain, size, sd = number * number / J, number / J, 1.0 / np.sqrt(J)
+        gain[likely], size[likely], sd[likely] = (
+            of[k] for of in (found.gain, found.size, found.sd))
+        return Scores(psi, gain[None], size[None], sd[None], 1)
+    return of_node
+
+
+def _scores_of(scene, family, solved, variant, spans):
+    """`Scores` of one shape of these first samples and samples (m, 2)."""
+    return scores_at(scene, family._replace(variant=variant), solved,
+                     list(map(tuple, scene.dt * spans)))
+
+
+@njit(**KERNEL)
+def _sums_over(x, n, every, w, rho, last, result):
+    """Sums of the real part of w rho^j times x[onset + j] at onsets `every` apart: over
+    n samples, of which `last` is rho^n, or to the end of x, if that is 0.
+    """
+    stop = (len(result) - 1) * every + n if last else len(x)
+    total, at = 0.0 * rho, stop
+    for k in range(len(result) - 1, -1, -1):
+        while at > k * every:
+            at -= 1
+            total = x[at] + rho * total
+            if at + n < stop:
+                total -= last * x[at + n]
+        result[k] = (w * total).real
+
+
+def _between_edges(scene, solved):
+    """(first sample, samples) of pulses between the likeliest onsets of steps of
+    opposite sign.
+    """
+    N, step_at = len(scene.y), step_scores(scene, None, solved)
+    gain, size = np.zeros((2, N - 1))    # sums over nodes
+    for k in range(len(solved.base)):
+        steps = step_at(k)
+        gain += steps.gain[0]
+        size += steps.size[0]
+    peaks, how = find_peaks(gain, prominence=len(solved.base))
+    peaks = np.sort(peaks[np.argsort(-how["prominences"])[:EDGES]])
+    return [(i + 1, j - i) for i, j in itertools.combinations(peaks.tolist(), 2)
+            if size[i] * size[j] < 0.0 and MIN_PULSE <= j - i <= N // 2]
+
+
+def _share(residual, onset, n, J):
+    """What a pulse stands for, of the cell that one of the grid of its duration stands
+    for: its peak may be narrower.
+
+    Where an edge moves by few samples, the information J (M,) is about the same.
+    """
+    area, reach = 1.0, max(n // (2 * PARTS), 1)
+    number, J = residual[:, onset:onset + n].mean(0).sum(), J.mean()
+    for edge in onset, onset + n:
+        low, high = max(edge - reach, 0), min(edge + reach, residual.shape[1])
+        sums = np.cumsum(residual[:, low:high].mean(0))
+        moved = sums - sums[edge - low - 1]
+        near = number - moved if edge == onset else number + moved
+        area *= np.exp(np.minimum(0.5 * (near**2 - number**2) / J, 50.0)).sum()
+    return min(area / (max(n // PARTS, 1) * n * np.log(DURATION_STEP)), 1.0)
+
+
+RESOLVED = 9.0    # pulses that have the mass of a grid which is fine enough
+
+
+def resolved(scene, family, solved, onset, n):
+    """The family about a pulse of n samples, its ends ever closer until the grid
+    resolves what is known of them.
+    """
+    apart = (DURATION_STEP - 1.0) * n / 6.0
+    while True:
+        ends = np.unique(np.round(apart * np.arange(-6, 7)).astype(int))
+        family = family._replace(psi=tuple(
+            ((onset + i) * scene.dt, (n + j - i) * scene.dt)
+            for i in ends for j in ends if onset + i > 0 and n + j - i >= MIN_PULSE
+            and onset + n + j <= len(scene.y)))
+        if apart <= 1.0:
+            return family
+        found = scores_at(scene, family, solved)
+        mass = normalized(0.5 * found.gain.mean(0))
+        if 1.0 / np.sum(mass**2) > RESOLVED:
+            return family
+        first, duration = np.round(found.psi[mass.argmax()] / scene.dt).astype(int)
+        onset, n, apart = first, duration, apart / 3.0
