@@ -2,8 +2,8 @@
 
 REPEATS records of each kind, of SAMPLES samples, number k from the seed (SEED, k): a
 walk in white noise, a temperature and a rate beside it, and one effect. A filter that
-knows a shape would gain NATS by it; of noise there is as much as shows. A kind lists the
-names that an engineer can defend: the nearest neighbours in the catalogue.
+knows a shape would gain NATS by it; of noise there is as much as shows. A kind lists
+the names that an engineer can defend: the nearest neighbours in the catalogue.
 `python -m figures outside` goes on where it was interrupted.
 """
 

@@ -1,5 +1,7 @@
 """What is said, from the probabilities of all sets of effects."""
 
+import types
+
 import numpy as np
 import pytest
 from conftest import DT, MODEL
@@ -8,7 +10,8 @@ from numpy.testing import assert_allclose
 import sensorid
 import sensorlab
 from sensorlab import Found
-from sensorlab.gap import causes, diagnosis
+from sensorlab.gap import causes, diagnosis, search
+from sensorlab.gap import verdict as verdict_module
 from sensorlab.gap.diagnosis import augmented, diagnose
 from sensorlab.gap.verdict import (
     common, split_families, unknown_probability, verdict_of)
@@ -59,6 +62,21 @@ def test_a_family_is_named_where_its_members_split_it():
     assert verdict(outliers_and_temperature=0.4, outliers_and_thermal_lag=0.3,
                    outliers=0.3) == "outliers+temperature or thermal_lag"
     assert verdict(temperature=0.4, thermal_lag=0.05, none=0.55) == "none"
+
+
+def test_sets_of_the_same_effects_are_one_in_whatever_order_they_were_found(
+        monkeypatch):
+    both = sets(bias_step_and_temperature=0.3, temperature_and_bias_step=0.5,
+                thermal_lag=0.2)
+    gap = types.SimpleNamespace(p_value=0.5)
+    monkeypatch.setattr(verdict_module, "unknown_error", lambda gap: 0.0)
+    found = search.Search(None, {}, both[1], {c.effect: c for c in both}, gap, 0.0)
+    told = verdict_module.all_causes(
+        found, types.SimpleNamespace(readings=()), gap,
+        types.SimpleNamespace(share=0.0), both[1].found)
+    assert told[0].effect == "temperature+bias_step"
+    assert told[0].probability == pytest.approx(0.8 * 0.99)
+    assert [c.effect for c in told[:2]] == ["temperature+bias_step", "thermal_lag"]
 
 
 def test_a_small_p_value_makes_something_unknown_probable():

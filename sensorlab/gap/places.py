@@ -176,9 +176,8 @@ def _in_frequency(frequency, power):
         yield _One(at, at, _largest_score(-band.max(1), n))
 
 
-MOVING = 16, 128    # parts in which a line that moves is sought; samples in one at
-                    # most
-TRACKED = 16        # parts that are told apart
+MOVING = 128    # samples of a part in which a line that moves is sought, at most
+TRACKED = 16    # parts that are told apart, about
 
 
 def _moving_line(r):
@@ -186,17 +185,19 @@ def _moving_line(r):
     many frequencies is at none for long.
     """
     R, N = r.z.shape
-    length = prev_fast_len(int(np.clip(N // MOVING[0], 4, MOVING[1])), real=True)
+    # about 1 / sqrt(rate) of a line that sweeps through a fourth of all frequencies
+    length = prev_fast_len(int(min(2.0 * np.sqrt(N), MOVING)), real=True)
     parts = N // length
     line = np.fft.rfft(r.z[:, :parts * length].reshape(R, parts, length))[..., 1:]
     power = (line.real**2 + line.imag**2) / (length * r.count / N)[:, None, None]
-    several = -(-parts // TRACKED)    # are summed, as many as leave none over
+    several = max(round(parts / TRACKED), 1)    # are summed
     parts = parts // several * several
     power = power[:, :parts].reshape(R, -1, several, power.shape[2]).sum(2)
     largest, ends = np.zeros(R), np.zeros((R, 2), int)
     in_threads(_largest_track, R, power, largest, ends)
     yield _One(*(np.sort(ends[0] + 1) / (length * r.scene.dt)),
-               _chi2_score(2.0 * largest, 2 * parts))
+               _largest_score(log_ndtr(-_chi2_score(2.0 * largest, 2 * parts)),
+                              0.5 * power.shape[2]**2))    # neighbours are alike
 
 
 @njit(**KERNEL)

@@ -1,0 +1,60 @@
+"""The search for a set of effects: what is exchanged, and what may stand instead."""
+
+import types
+
+import pytest
+from test_gap_verdict import EFFECTS
+
+from sensorlab import Found
+from sensorlab.gap import search
+from sensorlab.gap.causes import Cause, Further
+
+
+def cause(*names, probability=1.0, log_bayes=0.0):
+    return Cause(tuple(Found(EFFECTS[name]) for name in names), probability, log_bayes)
+
+
+def account(log_evidence):
+    return types.SimpleNamespace(readings=(), log_evidence=log_evidence)
+
+
+def exchanged(monkeypatch, **beside_the_step):
+    """Of temperature+bias_step, found with 0.8 (0.1 with one more), if these are the
+    probabilities of what stands beside the step.
+    """
+    best = account(105.0)
+    look = Further(tuple(sorted((
+        cause(*(() if name == "none" else (name,)), probability=p, log_bayes=10.0)
+        for name, p in beside_the_step.items()), key=lambda c: -c.probability)), best,
+        0.0)
+    monkeypatch.setattr(search, "further_causes", lambda *_: look)
+    path = cause("temperature", "bias_step", probability=0.9, log_bayes=30.0)
+    leaves = {one.effect: one for one in (
+        path._replace(probability=0.8),
+        cause("temperature", "bias_step", "pulse", probability=0.1),
+        cause("bias_step", probability=0.1))}
+    scene = types.SimpleNamespace()
+    return (*search._exchanged(scene, account(100.0), path, leaves, {0: account(90.0)},
+                               (), lambda *_: False), best)
+
+
+def test_what_explains_more_beside_the_others_takes_its_place(monkeypatch):
+    path, leaves, better, best = exchanged(monkeypatch, thermal_lag=0.6,
+                                           temperature=0.2, none=0.2)
+    assert better is best and path.effects == ("bias_step", "thermal_lag")
+    assert path.probability == pytest.approx(0.9 * 0.75)
+    assert path.log_bayes == pytest.approx(30.0 - 10.0 + 10.0)
+    chance = {name: one.probability for name, one in leaves.items()}
+    assert chance == pytest.approx({    # what went on from the old set has the rest
+        "temperature+bias_step": 0.2, "temperature+bias_step+pulse": 0.025,
+        "bias_step": 0.1})
+
+
+def test_what_may_as_well_stand_there_counts_with_its_odds(monkeypatch):
+    path, leaves, better, _ = exchanged(monkeypatch, temperature=0.6, thermal_lag=0.3,
+                                        none=0.1)
+    assert better is None and path.effects == ("temperature", "bias_step")
+    chance = {name: one.probability for name, one in leaves.items()}
+    assert chance == pytest.approx({
+        "temperature+bias_step": 0.8, "temperature+bias_step+pulse": 0.1,
+        "bias_step+thermal_lag": 0.4, "bias_step": 0.8 / 6.0})
