@@ -5,13 +5,19 @@ components that `identify --compose` finds describes it.
 The recordings are not part of the project. They are looked for in shared/data/real
 beside it (see the README there); without them there is no figure. Stretches are of
 4000 samples of an ADIS16405, six axes at 100 Hz; the simulator is known by a stretch of
-run 1 alone. `python -m figures real` goes on where it was interrupted.
+run 1 alone. An effect put in is of so many nats: of a shape those of its matched filter;
+of noise, whose shape nobody can know, those by which its law differs from the nearest
+of white noise. `python -m figures real` goes on where it was interrupted.
 """
 
 import pathlib
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.signal import lfilter
+from scipy.stats import norm
 
 import figures
 import sensorid
@@ -57,37 +63,65 @@ def heat(rng, t):
     return T - T.mean(), dict(temperature=T)
 
 
-def spikes(rng, t):
-    return (rng.random(N) < 0.003) * rng.standard_normal(N), {}
-
-
-def levels(rng, t):
-    change = rng.random(N) < DT / rng.uniform(0.5, 4.0)
-    return np.cumsum(change) % 2.0, {}
-
-
-def slow_noise(rng, t):
-    a, x = np.exp(-DT / rng.uniform(0.2, 1.0)), np.zeros(N)
-    w = rng.standard_normal(N)
-    for i in range(1, N):
-        x[i] = a * x[i - 1] + w[i]
-    return x, {}
-
-
 SHAPES = dict(sinusoid=line, bias_step=step, rate_ramp=ramp,
-              turn_on_transient=transient, temperature=heat, outliers=spikes,
-              random_telegraph=levels, correlated_noise=slow_noise)
+              turn_on_transient=transient, temperature=heat)
 
 
-def nats(shape, clean, lags=32):
-    """s' C^-1 s / 2 of a shape, C from a regression of the clean record on the past."""
-    y, s = clean - clean.mean(), shape - shape.mean()
+# ---- noises of unit size: functions that draw one
+
+def spikes(rng):
+    return lambda: (rng.random(N) < RATE) * rng.standard_normal(N)
+
+
+def levels(rng):
+    change = DT / rng.uniform(0.5, 4.0)
+    return lambda: np.cumsum(rng.random(N) < change) % 2.0
+
+
+def slow_noise(rng):
+    a = np.exp(-DT / rng.uniform(0.2, 1.0))
+    return lambda: lfilter([1.0], [1.0, -a], rng.standard_normal(N))
+
+
+RATE = 0.003    # of outliers, a sample
+NOISES = dict(outliers=spikes, random_telegraph=levels, correlated_noise=slow_noise)
+DRAWS = 64      # of a noise, whose mean is its spectrum
+
+
+# ---- how large, so that it is of so many nats
+
+def whitener(clean, lags=32):
+    """Function that makes white, of variance 1, what a regression of the clean record
+    on its past tells.
+    """
+    y = clean - clean.mean()
     back = np.column_stack([np.roll(y, k)[lags:] for k in range(1, lags + 1)])
     c, *_ = np.linalg.lstsq(back, y[lags:])
-    variance = np.mean((y[lags:] - back @ c)**2)
-    white = s[lags:] - np.column_stack(
-        [np.roll(s, k)[lags:] for k in range(1, lags + 1)]) @ c
-    return 0.5 * np.sum(white**2) / variance
+    sigma = np.std(y[lags:] - back @ c)
+    return lambda s: lfilter(np.append(1.0, -c), [sigma], s - s.mean())[lags:]
+
+
+def nats_of_process(power):
+    """Divergence of noise of such a spectrum from the nearest white one, by Whittle."""
+    return 0.5 * len(power) * (np.log(np.mean(power)) - np.mean(np.log(power)))
+
+
+def nats_of_outliers(sigma):
+    """The same of N samples of N(0, 1) with outliers."""
+    def law(x):
+        return (1.0 - RATE) * norm.pdf(x) + RATE * norm.pdf(x, 0.0, np.hypot(1.0, sigma))
+    nearest = norm(0.0, np.sqrt(1.0 + RATE * sigma**2))
+    return 2.0 * N * quad(lambda x: law(x) * (np.log(law(x)) - nearest.logpdf(x)), 0.0,
+                          8.0 * np.hypot(1.0, sigma), limit=500)[0]
+
+
+def size_of_noise(name, draw, white, size):
+    """Factor of a noise that makes it of so many nats."""
+    if name == "outliers":
+        return brentq(lambda s: nats_of_outliers(s) - size, 1.0, 1e3) / np.abs(
+            white(np.eye(1, N, N // 2)[0])).max()
+    power = np.mean([np.abs(np.fft.fft(white(draw())))**2 / N for _ in range(DRAWS)], 0)
+    return brentq(lambda a: nats_of_process(1.0 + a * a * power) - size, 1e-9, 1e3)
 
 
 def cases():
@@ -98,7 +132,7 @@ def cases():
             for first in RECORDS:
                 yield "untouched", "", number, run, first, 0.0
         yield "decoy", "", number, 2, RECORDS[0], 0.0
-    for k, name in enumerate(SHAPES):
+    for k, name in enumerate([*SHAPES, *NOISES]):
         for j, size in enumerate(NATS):
             yield "injected", name, (k + j) % len(AXES), 2, RECORDS[j % 2], size
     for number in range(len(AXES)):
@@ -113,8 +147,12 @@ def record(what, name, number, run, first, size, rng):
         return y, heat(rng, t)[1]
     if what != "injected":
         return y, {}
+    white = whitener(y)
+    if name in NOISES:
+        draw = NOISES[name](rng)
+        return y + size_of_noise(name, draw, white, size) * draw(), {}
     shape, columns = SHAPES[name](rng, t)
-    return y + np.sqrt(size / nats(shape, y)) * shape, columns
+    return y + np.sqrt(2.0 * size / np.sum(white(shape)**2)) * shape, columns
 
 
 def compute():
@@ -175,12 +213,13 @@ def table(result):
 def draw(result):
     own = [c for c in result if c[0] == "injected"]
     fig, ax = plt.subplots()
-    for at, name in enumerate(SHAPES):
+    names = [*SHAPES, *NOISES]
+    for at, name in enumerate(names):
         for c in own:
             if c[1] == name:
                 ax.plot(NATS.index(c[-1]), at, "o" if right(c, result[c]) else "x",
                         color=AFTER if right(c, result[c]) else BEFORE, markersize=9)
-    ax.set_yticks(range(len(SHAPES)), list(SHAPES))
+    ax.set_yticks(range(len(names)), names)
     ax.plot([], [], "o", color=AFTER, markersize=9, label="in the verdict")
     ax.plot([], [], "x", color=BEFORE, markersize=9, label="not")
     ax.set_xticks(range(len(NATS)), [f"{withheld.ratio(size):.2g}" for size in NATS])

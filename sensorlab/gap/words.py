@@ -247,8 +247,8 @@ def advice(d, unit):
                f"{e.experiment}")
     for one in d.found:
         if one.variant and not one.column:
-            yield (f"{one.name} is of {one.variant}, probability {one.share:.2f} among "
-                   "its forms")
+            yield (f"the form of {one.name} is {one.variant}, probability "
+                   f"{one.share:.2f}")
         elif one.variant:
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "
                    f"probability {one.share:.2f} among its forms; its size is of that")
