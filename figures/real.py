@@ -5,9 +5,9 @@ components that `identify --compose` finds describes it.
 The recordings are not part of the project. They are looked for in shared/data/real
 beside it (see the README there); without them there is no figure. Stretches are of
 4000 samples of an ADIS16405, six axes at 100 Hz; the simulator is known by a stretch of
-run 1 alone. An effect put in is of so many nats: of a shape those of its matched filter;
-of noise, whose shape nobody can know, those by which its law differs from the nearest
-of white noise. `python -m figures real` goes on where it was interrupted.
+run 1 alone. An effect put in is of so many nats: of a shape, those of its matched
+filter; of noise, whose shape nobody can know, those by which its law differs from the
+nearest of white noise. `python -m figures real` goes on where it was interrupted.
 """
 
 import pathlib
@@ -109,7 +109,8 @@ def nats_of_process(power):
 def nats_of_outliers(sigma):
     """The same of N samples of N(0, 1) with outliers."""
     def law(x):
-        return (1.0 - RATE) * norm.pdf(x) + RATE * norm.pdf(x, 0.0, np.hypot(1.0, sigma))
+        return (1.0 - RATE) * norm.pdf(x) + RATE * norm.pdf(
+            x, 0.0, np.hypot(1.0, sigma))
     nearest = norm(0.0, np.sqrt(1.0 + RATE * sigma**2))
     return 2.0 * N * quad(lambda x: law(x) * (np.log(law(x)) - nearest.logpdf(x)), 0.0,
                           8.0 * np.hypot(1.0, sigma), limit=500)[0]

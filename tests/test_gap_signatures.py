@@ -20,14 +20,15 @@ def test_gain_of_a_sinusoid_is_that_of_least_squares():
     h = member(scene, MODEL[1])
     solved = filters.solve(h, scene, (), theta)
     lines = signatures.Family(CATALOGUE["sinusoid"], "")
-    found = scans.scores(scene, lines, solved)
+    found = scans.SCANS["frequency"](scene, lines, solved)
+    psi, _ = found.of(np.arange(len(found.gain)))
     inverse = np.linalg.inv(dense(theta[0], 400))
     slow = round(scans.EXACT_CYCLES * scans.PADDING)
     for i in (10, 50, slow + 10, 300):    # above, that of a long record: to 2 %
-        phase = 2 * np.pi * found.psi[i] * scene.time
+        phase = 2 * np.pi * psi[i] * scene.time
         s = np.column_stack([np.cos(phase), np.sin(phase)])
         b = s.T @ inverse @ y
-        assert_allclose(found.gain[0, i], b @ np.linalg.solve(s.T @ inverse @ s, b),
+        assert_allclose(found.gain[i], b @ np.linalg.solve(s.T @ inverse @ s, b),
                         rtol=1e-6 if i < 60 else 0.04)
 
 
@@ -47,25 +48,46 @@ def test_no_pulse_gains_more_than_by_least_squares(effect, variants):
     h = member(scene, MODEL[1])
     solved = filters.solve(h, scene, (), theta)
     family = signatures.Family(CATALOGUE[effect], "")
-    found, tried = scans.scores(scene, family, solved), onsets._spans(
+    found, tried = scans.SCANS["pulse"](scene, family, solved), onsets._spans(
         scene, family, solved)
+    number, information = tried.numbers(solved.residual[0]), np.repeat(
+        tried.J, tried.count)
     inverse = np.linalg.inv(dense(theta[0], 400))
-    grid = tried.ends[-1]
-    likely = found.gain[0, :grid].argsort()[-onsets.LIKELY // 2:]
-    seen = set()
-    for i in [*np.random.default_rng(0).integers(0, grid, 60), *likely]:
-        onset, duration = found.psi[i]
-        variant = tried.variant[tried.kind(i)]
+    some = np.random.default_rng(0).integers(0, len(number), 60)
+    for i, (onset, duration), variant in zip(some, *found.of(some)):
         s = shape_of(variant, scene.time - onset, duration)
         b, J = s @ inverse @ y, s @ inverse @ s
         # long curves are held against sums, of a score of one standard deviation
-        assert_allclose(found.size[0, i] / found.sd[0, i]**2, b, atol=0.05 * J**0.5)
-        assert found.gain[0, i]**0.5 < 1.05 * abs(b) / J**0.5 + 0.05
-        assert found.sd[0, i]**-2 < 2.0 * J
-        if i in likely:
-            assert_allclose(found.gain[0, i], b * b / J, rtol=1e-8)
-        seen.add(variant)
-    assert sorted(seen) == sorted(variants)
+        assert_allclose(number[i], b, atol=0.05 * J**0.5)
+        assert found.gain[i]**0.5 < 1.05 * abs(b) / J**0.5 + 0.05
+        assert information[i] < 3.0 * J
+    assert set(tried.variant) == set(variants)
+
+
+@pytest.mark.parametrize("effect", ["bias_step", "pulse", "gradual_step", "sinusoid"])
+def test_what_matters_is_exact_at_every_node(effect):
+    t = np.arange(600.0)
+    y = sensorid.simulate(MODEL[1:], DT, 600, seed=4).error[0] + dict(
+        bias_step=2.5 * (t > 333.0), pulse=3.0 * ((t > 200.0) & (t < 240.0)),
+        gradual_step=-8.0 * np.expm1(-np.maximum(t - 250.0, 0.0) / 30.0),
+        sinusoid=0.5 * np.sin(0.7 * t))[effect]
+    scene, h = Scene(y, DT, {}), member(Scene(y, DT, {}), MODEL[1])
+    theta = account(scene, [h]).sample.nodes(6)
+    solved, table = filters.solve(h, scene, (), theta), signatures.bayes_table()
+    family = signatures.Family(CATALOGUE[effect], "")
+    best = int(solved.base.argmax())
+    scan = scans.SCANS[family.effect.search](scene, family, solved.node(best))
+    psi, variant = scan.of(np.flatnonzero(scan.gain > scan.gain.max() - 25.0))
+    share = np.broadcast_to(scan.log_share, scan.gain.shape)[
+        scan.gain > scan.gain.max() - 25.0]
+    gain = np.hstack([signatures.scores_at(
+        scene, family._replace(variant=name), solved, [one]).gain
+        for one, name in zip(psi.tolist(), variant.tolist())]) + 2.0 * share
+    # of all that is within e^-12 of the best, and nothing else
+    exact = signatures.mean_bayes(np.maximum(gain, 0.0), table[scan.k]) + np.log(
+        gain.shape[1] / len(scan.gain))
+    assert exact.min() > 8.0 and np.ptp(exact) > 0.3
+    assert_allclose(scans.family_bayes(scene, family, solved, table), exact, atol=0.15)
 
 
 def test_a_pulse_on_a_walk_is_found_between_its_edges():
@@ -77,9 +99,10 @@ def test_a_pulse_on_a_walk_is_found_between_its_edges():
     scene, theta = Scene(y, 1.0, {}), np.array([[0.05, 0.5]])
     solved = filters.solve(member(scene, model[0]), scene, (), theta)
     family = signatures.Family(CATALOGUE["pulse"], "")
-    found = scans.scores(scene, family, solved)
-    best = found.gain[0].argmax()
-    onset, n = found.psi[best].astype(int)
+    found = scans.SCANS["pulse"](scene, family, solved)
+    best = found.gain.argmax()
+    ((onset, n),), _ = found.of(np.array([best]))
+    onset, n = int(onset), int(n)
     assert_allclose((onset, onset + n), (407, 527), atol=3)
     # B of the pulse stands for its mean over the cell of the grid that it lies in
     step, apart = n // onsets.PARTS, n * np.log(onsets.DURATION_STEP)
@@ -87,7 +110,7 @@ def test_a_pulse_on_a_walk_is_found_between_its_edges():
     gain = scans.scores_at(scene, family._replace(variant="rectangular"), solved,
                            near).gain[0]
     mean = np.exp(0.5 * (gain - gain.max())).sum() / (step * apart)
-    assert_allclose(0.5 * (found.gain[0, best] - gain.max()), np.log(mean), atol=0.7)
+    assert_allclose(0.5 * (found.gain[best] - gain.max()), np.log(mean), atol=0.7)
 
 
 def test_bayes_factor_of_a_size_is_the_integral_over_it():

@@ -420,6 +420,16 @@ class Solved(NamedTuple):
 
     __repr__ = brief
 
+    def node(self, k):
+        """The same at one node alone."""
+        own, p = slice(k, k + 1), self.parts
+        return Solved(
+            self.base[own], self.residual[own], self.w[:, own], self.cov[own],
+            self.steps[own], self.size[own], tuple(
+                (share[own], Modes(*(part[own] for part in there)))
+                for share, there in self.spectra), Bank(*(m[own] for m in self.bank)),
+            p._replace(own=p.own[:, own], r=p.r[own], later=p.later[own]))
+
 
 def solve(h, scene, signatures, theta):
     """`Solved` of a hypothesis without jumps."""

@@ -1,7 +1,5 @@
 """Signatures that begin at some time: steps at every onset, pulses and slow steps of
 every duration.
-
-A scan is a function that gives the `Scores` of one node: see `scans`.
 """
 
 import itertools
@@ -15,16 +13,20 @@ from scipy.signal import find_peaks
 from sensorlab.gap.catalogue import DECAYS, MIN_PULSE, MIN_SHAPED, MIN_SLOW
 from sensorlab.gap.evidence import normalized
 from sensorlab.gap.kernels import KERNEL
-from sensorlab.gap.signatures import Scores, blocks, information, joined, scores_at
+from sensorlab.gap.signatures import Scan, Scores, blocks, information, scores_at
 
 
-def step_scores(scene, family, solved):
-    def of_node(k, gains_alone=False):
-        size, J = np.empty((2, len(scene.y) - 1))
-        _step_sizes(k, *solved[1:5], size, J)
-        return Scores(scene.time[1:], (size * size * J)[None], size[None],
-                      1.0 / np.sqrt(J)[None], 1)
-    return of_node
+def step_scores(scene, solved):
+    """`Scores` of steps at every onset."""
+    size, J = np.empty((2, len(solved.base), len(scene.y) - 1))
+    for node in range(len(solved.base)):
+        _step_sizes(node, *solved[1:5], size[node], J[node])
+    return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
+
+
+def step_scan(scene, family, one):
+    return Scan(step_scores(scene, one).gain[0], 1, lambda number: (
+        scene.time[1 + number], np.full(len(number), "")))
 
 
 @njit(**KERNEL)
@@ -85,19 +87,18 @@ FINE = 16              # parts of a duration, at least: a longer shape is held a
                        # sums of samples
 KNOTS = 0.0, 0.05, 0.5, 0.95    # of all onsets, where information is exact
 APART = 3              # durations, from one whose information is exact to the next
-LIKELY = 16            # shapes whose information is exact wherever they are
 EDGES = 12             # onsets of steps that may be edges of a pulse
 
 
 class _Spans(NamedTuple):
     """Shapes of S kinds and durations, each at every onset that is tried."""
 
-    variant: list          # (S,) names
+    variant: np.ndarray    # (S,) names
     length: np.ndarray     # (S, 4) samples that are summed before, such sums in a
                            # duration, such sums from one onset to the next; onsets
     law: np.ndarray        # (S, 3) w, rho, and rho^n, or 0 if it does not end
     count: np.ndarray      # onsets of which the information is taken to be the same
-    J: np.ndarray          # (M, len(count)) that
+    J: np.ndarray          # (len(count),) that
 
     @property
     def ends(self):
@@ -122,31 +123,30 @@ class _Spans(NamedTuple):
         """Which of the S some of all that are tried are."""
         return np.searchsorted(self.ends, number, "right") - 1
 
-    def spans(self, number):
+    def spans(self, number, kind):
         """First sample and samples (m, 2) of some of all that are tried."""
-        kind = self.kind(number)
         by, n, every, _ = self.length[kind].T
         return np.column_stack([1 + (number - self.ends[kind]) * every * by, n * by])
 
 
-def _spans(scene, family, solved):
+def _spans(scene, family, one):
     """`_Spans` of all shapes of a family."""
     variants, lengths, laws, counts, informations = [], [], [], [], []
     for variant, _ in family.effect.columns(scene, None, (scene.dt, scene.duration)):
         shape = SHAPES[variant]
-        for n, knots, J in _known(scene, family._replace(variant=variant), solved):
+        for n, knots, J in _known(scene, family._replace(variant=variant), one):
             by = _fineness(n)
             every = max(n // by // PARTS, 1)
             count = ((len(scene.y) - 1) // by - n // by) // every + 1
             w, rho = map(complex, shape.law(n))
+            mean = 1.0 if rho == 1.0 else (1.0 - rho**by) / (1.0 - rho) / by
             variants.append(variant)
             lengths.append((by, n // by, every, count))
-            mean = 1.0 if rho == 1.0 else (1.0 - rho**by) / (1.0 - rho) / by
             laws.append((w * mean, rho**by, rho**n * shape.ends))
             counts.append(np.diff([0, *(knots[1:-1] - 1) // (every * by), count]))
-            informations.append(np.maximum(J[:, 1:], J[:, :-1]))
-    return _Spans(variants, np.array(lengths), np.array(laws), np.concatenate(counts),
-                  np.concatenate(informations, axis=1))
+            informations.append(np.maximum(J[1:], J[:-1]))
+    return _Spans(np.array(variants), np.array(lengths), np.array(laws),
+                  np.concatenate(counts), np.concatenate(informations))
 
 
 def _fineness(n):
@@ -165,10 +165,10 @@ def _summed(rows, most):
     return result
 
 
-def _known(scene, family, solved):
+def _known(scene, family, one):
     """Durations of the one shape of a family, in samples, with onsets at the knots and
-    their information (M, KNOTS). Between durations at which that is exact, its
-    logarithm is a monotone cubic in that of the duration.
+    their information (KNOTS,). Between durations at which that is exact, its logarithm
+    is a monotone cubic in that of the duration.
     """
     N = len(scene.y)
     least = min(SHAPES[family.variant].least, N // 4)
@@ -176,67 +176,45 @@ def _known(scene, family, solved):
     lengths = np.unique([round(n / _fineness(n)) * _fineness(n) for n in lengths])
     knots = np.round(1 + np.multiply.outer(N - lengths - 2, KNOTS)).astype(int)
     some = np.unique([*range(0, len(lengths), APART), len(lengths) - 1])
-    J = np.concatenate([information(scene, block.columns, solved)[..., 0, 0]
+    J = np.concatenate([information(scene, block.columns, one)[0, :, 0, 0]
                         for block in blocks(scene, family, [
                             (i * scene.dt, n * scene.dt)
                             for n, at in zip(lengths[some], knots[some])
-                            for i in at])], axis=1)
-    log_J = np.log(np.maximum(J, 1e-300)).reshape(len(J), len(some), len(KNOTS))
+                            for i in at])])
+    log_J = np.log(np.maximum(J, 1e-300)).reshape(len(some), len(KNOTS))
     if len(some) > 1:
-        log_J = PchipInterpolator(np.log(lengths[some]), log_J, axis=1)(np.log(lengths))
-    return zip(lengths.tolist(), knots, np.moveaxis(np.exp(log_J), 1, 0))
+        log_J = PchipInterpolator(np.log(lengths[some]), log_J)(np.log(lengths))
+    return zip(lengths.tolist(), knots, np.exp(log_J))
 
 
-def span_scores(scene, family, solved):
+def span_scan(scene, family, one):
     """Pulses, or slow steps, of any duration, which begin a fourth of it apart at most,
     and rectangular pulses between two likely edges, which a walk shows to a few
     samples.
 
     Between two knots their information is taken to be the larger of both, so that no
-    gain is too large; that of the likely ones is exact.
+    gain is too large.
     """
-    tried = _spans(scene, family, solved)
-    gain = tried.numbers(solved.residual.mean(0))**2 / np.repeat(
-        tried.J.mean(0), tried.count)
-    count = len(gain)
-    likely = np.sort(np.argpartition(-gain, min(LIKELY, count - 1))[:LIKELY])
-    variant = np.array(tried.variant)[tried.kind(likely)]
-    found = [_scores_of(scene, family, solved, name,
-                        tried.spans(likely[variant == name]))
-             for name in dict.fromkeys(variant.tolist())]
-    between = _between_edges(scene, solved) if RECTANGULAR in tried.variant else []
+    tried = _spans(scene, family, one)
+    gain, count = tried.numbers(one.residual[0]), tried.ends[-1]
+    gain *= gain
+    gain /= np.repeat(tried.J, tried.count)
+    between = _between_edges(scene, one) if RECTANGULAR in tried.variant else []
+    log_share, edges = np.zeros(count + len(between)), np.reshape(between, (-1, 2))
     if between:
-        exact = _scores_of(scene, family, solved, RECTANGULAR, np.array(between))
-        less = np.array([_share(solved.residual, *pulse, 1.0 / sd**2)
-                         for pulse, sd in zip(between, exact.sd.T)])
-        found.append(exact._replace(
-            gain=np.maximum(exact.gain + 2.0 * np.log(less), 0.0)))
-        likely = np.append(likely, np.arange(count, count + len(between)))
-    found = joined(found)
+        exact = scores_at(scene, family._replace(variant=RECTANGULAR), one,
+                          (scene.dt * edges).tolist())
+        log_share[count:] = [_log_share(one.residual[0], *pulse, sd**-2)
+                             for pulse, sd in zip(between, exact.sd[0])]
+        gain = np.append(gain, np.maximum(exact.gain[0] + 2.0 * log_share[count:], 0.0))
 
-    def of_node(k, gains_alone=False):
-        number, J = np.ones((2, count + len(between)))
-        number[:count] = tried.numbers(solved.residual[k])
-        J[:count] = np.repeat(tried.J[k], tried.count)
-        if gains_alone:
-            number *= number
-            number /= J
-            number[likely] = found.gain[k]
-            return Scores(None, number[None], None, None, 1)
-        psi = np.empty((len(number), 2))
-        psi[:count] = scene.dt * tried.spans(np.arange(count))
-        psi[likely] = found.psi
-        gain, size, sd = number * number / J, number / J, 1.0 / np.sqrt(J)
-        gain[likely], size[likely], sd[likely] = (
-            of[k] for of in (found.gain, found.size, found.sd))
-        return Scores(psi, gain[None], size[None], sd[None], 1)
-    return of_node
-
-
-def _scores_of(scene, family, solved, variant, spans):
-    """`Scores` of one shape of these first samples and samples (m, 2)."""
-    return scores_at(scene, family._replace(variant=variant), solved,
-                     list(map(tuple, scene.dt * spans)))
+    def of(number):
+        kind = tried.kind(np.minimum(number, count - 1))
+        variant, spans = tried.variant[kind], tried.spans(number, kind)
+        late = number >= count
+        variant[late], spans[late] = RECTANGULAR, edges[number[late] - count]
+        return scene.dt * spans, variant
+    return Scan(gain, 1, of, log_share)
 
 
 @njit(**KERNEL)
@@ -255,43 +233,39 @@ def _sums_over(x, n, every, w, rho, last, result):
         result[k] = (w * total).real
 
 
-def _between_edges(scene, solved):
+def _between_edges(scene, one):
     """(first sample, samples) of pulses between the likeliest onsets of steps of
     opposite sign.
     """
-    N, step_at = len(scene.y), step_scores(scene, None, solved)
-    gain, size = np.zeros((2, N - 1))    # sums over nodes
-    for k in range(len(solved.base)):
-        steps = step_at(k)
-        gain += steps.gain[0]
-        size += steps.size[0]
-    peaks, how = find_peaks(gain, prominence=len(solved.base))
+    steps = step_scores(scene, one)
+    size, (peaks, how) = steps.size[0], find_peaks(steps.gain[0], prominence=1.0)
     peaks = np.sort(peaks[np.argsort(-how["prominences"])[:EDGES]])
     return [(i + 1, j - i) for i, j in itertools.combinations(peaks.tolist(), 2)
-            if size[i] * size[j] < 0.0 and MIN_PULSE <= j - i <= N // 2]
+            if size[i] * size[j] < 0.0 and MIN_PULSE <= j - i <= len(scene.y) // 2]
 
 
-def _share(residual, onset, n, J):
-    """What a pulse stands for, of the cell that one of the grid of its duration stands
-    for: its peak may be narrower.
+def _log_share(residual, onset, n, J):
+    """ln of what a pulse stands for, of the cell that one of the grid of its duration
+    stands for: its peak may be narrower.
 
-    Where an edge moves by few samples, the information J (M,) is about the same.
+    Where an edge moves by few samples, the information J is about the same.
     """
     area, reach = 1.0, max(n // (2 * PARTS), 1)
-    number, J = residual[:, onset:onset + n].mean(0).sum(), J.mean()
+    number = residual[onset:onset + n].sum()
     for edge in onset, onset + n:
-        low, high = max(edge - reach, 0), min(edge + reach, residual.shape[1])
-        sums = np.cumsum(residual[:, low:high].mean(0))
+        low, high = max(edge - reach, 0), min(edge + reach, len(residual))
+        sums = np.cumsum(residual[low:high])
         moved = sums - sums[edge - low - 1]
         near = number - moved if edge == onset else number + moved
         area *= np.exp(np.minimum(0.5 * (near**2 - number**2) / J, 50.0)).sum()
-    return min(area / (max(n // PARTS, 1) * n * np.log(DURATION_STEP)), 1.0)
+    cell = max(n // PARTS, 1) * n * np.log(DURATION_STEP)
+    return min(np.log(area / cell), 0.0)
 
 
 RESOLVED = 9.0    # pulses that have the mass of a grid which is fine enough
 
 
-def resolved(scene, family, solved, onset, n):
+def resolved(scene, family, one, onset, n):
     """The family about a pulse of n samples, its ends ever closer until the grid
     resolves what is known of them.
     """
@@ -304,8 +278,8 @@ def resolved(scene, family, solved, onset, n):
             and onset + n + j <= len(scene.y)))
         if apart <= 1.0:
             return family
-        found = scores_at(scene, family, solved)
-        mass = normalized(0.5 * found.gain.mean(0))
+        found = scores_at(scene, family, one)
+        mass = normalized(0.5 * found.gain[0])
         if 1.0 / np.sum(mass**2) > RESOLVED:
             return family
         first, duration = np.round(found.psi[mass.argmax()] / scene.dt).astype(int)

@@ -1,31 +1,29 @@
 """Scans: scores of thousands of signatures by one backward pass, each kind in its way:
 what begins at some time (`onsets`), sinusoids at every frequency.
 
-A scan of a long record has millions of scores a node: it is a function that gives those
-of one node, so that they need not all be there at a time, and gains alone if asked to.
+A scan of a long record has millions of gains: it is of one node alone.
 """
 
 import numpy as np
 from numba import njit
 from scipy.fft import next_fast_len
 
-from sensorid import side_by_side
 from sensorlab.gap.catalogue import MIN_CYCLES
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.kernels import KERNEL, spectrum
-from sensorlab.gap.onsets import resolved, span_scores, step_scores
+from sensorlab.gap.onsets import resolved, span_scan, step_scan, step_scores
 from sensorlab.gap.signatures import (
-    Scores, blocks, information, joined, least_squares, mean_bayes, scores_at)
+    Scan, blocks, information, least_squares, mean_bayes, scores_at)
 
 
 @njit(**KERNEL)
-def _line_information(first, last, turn, count, a, q, r, J):
+def _line_information(turn, count, a, q, r, J):
     """Information (M, m) of sinusoids added to J: count / 2 over the spectrum of the
     model, averaged over the two levels that its white noise r (M, 1 or N) may have.
 
     turn (m,) = |1 - exp(-i w)|^2.
     """
-    for node in range(first, last):
+    for node in range(len(J)):
         low, high = r[node, 0], r[node, -1]
         share = (r[node].mean() - low) / (high - low) if high != low else 0.0
         for j in range(len(turn)):
@@ -41,7 +39,7 @@ EXACT_CYCLES = 20    # in a record: below, its ends count, and the spectrum of a
                      # is no measure of the information
 
 
-def _frequency_scores(scene, family, solved):
+def _frequency_scan(scene, family, one):
     """Of the information below EXACT_CYCLES, in a long record that of whole cycles and
     between them by interpolation; above by the spectrum.
     """
@@ -54,31 +52,22 @@ def _frequency_scores(scene, family, solved):
     if N > LONG_RECORD:
         exact = np.union1d(np.arange(MIN_CYCLES + 1, EXACT_CYCLES) / scene.duration,
                            exact[[0, -1]])
-    J = [information(scene, block.columns, solved)
-         for block in blocks(scene, family, exact)]
-    J = _interpolated(frequency[slow], exact, np.concatenate(J, axis=1))
+    J = np.concatenate([information(scene, block.columns, one)
+                        for block in blocks(scene, family, exact)], axis=1)
+    line = np.fft.rfft(one.residual, n)[:, first:-PADDING]
+    number = np.stack([line[:, slow].real, -line[:, slow].imag], axis=-1)
+    below = least_squares(frequency[slow], number, _interpolated(
+        frequency[slow], exact, J))
+    gain = line[:, fast].real**2
+    gain += line[:, fast].imag**2
+    del line
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency[fast] * scene.dt)
-    count = np.sum(~np.isnan(scene.y))
-
-    def of_node(k, gains_alone=False):
-        line = np.fft.rfft(solved.residual[k:k + 1], n)[:, first:-PADDING]
-        number = np.stack([line[:, slow].real, -line[:, slow].imag], axis=-1)
-        square = line[:, fast].real**2
-        square += line[:, fast].imag**2
-        del line
-        spectral = np.zeros_like(square)
-        for share, own in solved.spectra:
-            _line_information(0, 1, turn, share[k] * count, *(
-                np.ascontiguousarray(part[k:k + 1])
-                for part in (own.a, own.q, own.r)), spectral)
-        below = least_squares(frequency[slow], number, J[k:k + 1])
-        if gains_alone:
-            square /= spectral
-            return Scores(frequency, np.append(below.gain, square, 1), None, None, 2)
-        return joined([below, Scores(
-            frequency[fast], square / spectral, np.sqrt(square) / spectral,
-            1.0 / np.sqrt(spectral), 2)])
-    return of_node
+    spectral, count = np.zeros_like(gain), np.sum(~np.isnan(scene.y))
+    for share, own in one.spectra:
+        _line_information(turn, share[0] * count, own.a, own.q, own.r, spectral)
+    gain /= spectral
+    return Scan(np.append(below.gain, gain), 2, lambda number: (
+        frequency[number], np.full(len(number), "")))
 
 
 def _interpolated(x, at, value):
@@ -90,28 +79,40 @@ def _interpolated(x, at, value):
     return (1.0 - share) * value[:, k - 1] + share * value[:, k]
 
 
-SEARCHES = dict(onset=step_scores, pulse=span_scores, frequency=_frequency_scores)
-
-
-def scores(scene, family, solved):
-    """`Scores` of all signatures of a family."""
-    if family.psi is not None:
-        return scores_at(scene, family, solved)
-    of_node = SEARCHES[family.effect.search](scene, family, solved)
-    nodes = [of_node(k) for k in range(len(solved.base))]
-    return nodes[0]._replace(**{part: np.concatenate([getattr(s, part) for s in nodes])
-                                for part in ("gain", "size", "sd")})
+SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan)
+LIKELY = 16    # signatures whose gains are exact at every node
 
 
 def family_bayes(scene, family, solved, table):
-    """ln of the mean Bayes factor over all signatures of a family, (M,)."""
-    def bayes(found):
-        return mean_bayes(found.gain, table[found.k])
+    """ln of the mean Bayes factor over all signatures of a family, (M,).
+
+    Where there are thousands, a scan at the likeliest node tells which matter; what
+    these are worth at the others, and exactly there, the whole is taken to be.
+    """
     if family.psi is not None:
-        return bayes(scores_at(scene, family, solved))
-    of_node = SEARCHES[family.effect.search](scene, family, solved)
-    return np.concatenate(side_by_side(lambda k: bayes(of_node(k, True)),
-                                       range(len(solved.base))))
+        found = scores_at(scene, family, solved)
+        return mean_bayes(found.gain, table[found.k])
+    best = int(solved.base.argmax())
+    gain, k, of, log_share = SCANS[family.effect.search](
+        scene, family, solved.node(best))
+    likely = np.sort(np.argpartition(-gain, min(LIKELY, len(gain) - 1))[:LIKELY])
+    exact, (psi, variant) = np.empty((len(solved.base), len(likely))), of(likely)
+    for name in np.unique(variant):
+        exact[:, variant == name] = scores_at(
+            scene, family._replace(variant=str(name)), solved,
+            psi[variant == name].tolist()).gain
+    exact += 2.0 * np.broadcast_to(log_share, gain.shape)[likely]
+    exact = np.maximum(exact, 0.0)
+    gain[likely] = exact[best]
+    of_likely = mean_bayes(exact, table[k])
+    return mean_bayes(gain[None], table[k]) + of_likely - of_likely[best]
+
+
+def scores(scene, family, solved):
+    """`Scores` of all signatures of a family that has a list of them, or steps."""
+    if family.psi is not None:
+        return scores_at(scene, family, solved)
+    return step_scores(scene, solved)
 
 
 def is_coarse(scene, family):
@@ -119,18 +120,23 @@ def is_coarse(scene, family):
     return bool(family.effect.search != "onset" and family.effect.parameters(scene))
 
 
-def refined(scene, family, solved):
-    """The family again, finer where a coarse search found mass."""
-    effect, found = family.effect, scores(scene, family, solved)
-    mass = np.exp(0.5 * (found.gain - found.gain.max())).sum(0)
-    if effect.search == "pulse":
-        return resolved(scene, family, solved, *np.round(
-            found.psi[mass.argmax()] / scene.dt).astype(int))
-    near = np.flatnonzero(mass > 1e-4 * mass.max())
-    low, high = found.psi[max(near[0] - 1, 0)], found.psi[
-        min(near[-1] + 1, len(found.psi) - 1)]
+def refined(scene, family, one):
+    """The family again, finer where a coarse search at one node found mass."""
+    effect = family.effect
+    if effect.search:
+        scan = SCANS[effect.search](scene, family, one)
+        gain = scan.gain
+        if effect.search == "pulse":
+            (psi,), _ = scan.of(gain.argmax(keepdims=True))
+            return resolved(scene, family, one, *np.round(psi / scene.dt).astype(int))
+        psi, _ = scan.of(np.arange(len(gain)))
+    else:
+        found = scores_at(scene, family, one)
+        psi, gain = found.psi, found.gain[0]
+    near = np.flatnonzero(gain > gain.max() + 2.0 * np.log(1e-4))
+    low, high = psi[max(near[0] - 1, 0)], psi[min(near[-1] + 1, len(psi) - 1)]
     if effect.search == "frequency":
-        top = found.psi[mass.argmax()]
+        top = psi[gain.argmax()]
         low, high = max(low, top - 1.0 / scene.duration), min(
             high, top + 1.0 / scene.duration)
         return family._replace(psi=tuple(np.linspace(low, high, 81)))

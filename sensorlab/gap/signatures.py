@@ -5,7 +5,7 @@ its parameter psi (an onset, a frequency, a time constant) and in all its varian
 """
 
 import functools
-from typing import NamedTuple
+from typing import Callable, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -97,6 +97,18 @@ class Scores(NamedTuple):
     sd: np.ndarray      # (M, m) its standard error
     k: int              # columns
     variant: list = []  # (m,) names; [] where there is one
+
+    __repr__ = brief
+
+
+class Scan(NamedTuple):
+    """Gains of one effect at thousands of values of psi, at one node."""
+
+    gain: np.ndarray       # (m,)
+    k: int                 # columns
+    of: Callable           # some numbers (n,) -> their psi (n,) or (n, d), and variants
+    log_share: np.ndarray = 0.0    # (m,) ln of what one stands for, of the cell of the
+                                   # grid: is in the gain already
 
     __repr__ = brief
 
