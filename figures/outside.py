@@ -96,7 +96,7 @@ SHAPES = {
     "shock that decays": (lambda b: (b.since > 0.0) * np.exp(
         -np.maximum(b.since, 0.0) / 50.0), STEPS),
     "shock that rings": (lambda b: (b.since > 0.0) * np.exp(-np.maximum(
-        b.since, 0.0) / 40.0) * np.sin(0.6 * b.since), (*LINES, "pulse")),
+        b.since, 0.0) / 40.0) * np.sin(0.6 * b.since), (*LINES, "ringing", "pulse")),
     "level that half returns": (
         lambda b: (b.since > 0.0) - 0.5 * (b.since > 300.0), STEPS),
     "stairs": (lambda b: np.floor(np.clip(b.since, 0.0, 599.0) / 200.0), STEPS),
@@ -108,7 +108,7 @@ SHAPES = {
         lambda b: np.sin(b.phase) * np.cos(2.0 * np.pi * b.t / 700.0), LINES),
     "chirp": (_chirp, LINES),
     "burst of vibration": (lambda b: np.exp(-0.5 * (b.since / 60.0)**2) * np.sin(
-        0.7 * b.t), LINES),
+        0.7 * b.t), (*LINES, "ringing")),
     "cubic drift": (lambda b: (b.t / SAMPLES - 0.5)**3, DRIFTS),
     "square root of time": (lambda b: np.sqrt(b.t), DRIFTS),
     "logarithm of time": (lambda b: np.log1p(b.t / 20.0), DRIFTS),

@@ -64,13 +64,34 @@ def test_no_pulse_gains_more_than_by_least_squares(effect, variants):
     assert set(tried.variant) == set(variants)
 
 
-@pytest.mark.parametrize("effect", ["bias_step", "pulse", "gradual_step", "sinusoid"])
+def test_gain_of_a_ringing_is_about_that_of_least_squares():
+    y = sensorid.simulate(MODEL[1:], DT, 400, seed=4).error[0]
+    scene, theta = Scene(y, DT, {}), np.array([[300.0, 0.9, 0.4]])
+    solved = filters.solve(member(scene, MODEL[1]), scene, (), theta)
+    scan = scans.SCANS["ringing"](scene, signatures.Family(
+        CATALOGUE["ringing"], ""), solved)
+    some = np.random.default_rng(0).integers(0, len(scan.gain), 200)
+    inverse, ratio = np.linalg.inv(dense(theta[0], 400)), []
+    for i, (onset, duration, frequency) in zip(some, scan.of(some)[0]):
+        t = np.maximum(scene.time - onset, 0.0)
+        phase, decay = 2.0 * np.pi * frequency * t, np.exp(-3.0 * t / duration)
+        s = (scene.time >= onset) * decay * [np.cos(phase), np.sin(phase)]
+        b = s @ inverse @ y
+        ratio.append(scan.gain[i] / (b @ np.linalg.solve(s @ inverse @ s.T, b)))
+    # the phase at the onset matters a little, which the spectrum does not know
+    assert_allclose(np.median(ratio), 1.0, atol=0.05)
+    assert np.quantile(ratio, 0.05) > 0.7 and np.quantile(ratio, 0.95) < 1.4
+
+
+@pytest.mark.parametrize("effect", ["bias_step", "pulse", "gradual_step", "sinusoid",
+                                    "ringing"])
 def test_what_matters_is_exact_at_every_node(effect):
     t = np.arange(600.0)
     y = sensorid.simulate(MODEL[1:], DT, 600, seed=4).error[0] + dict(
         bias_step=2.5 * (t > 333.0), pulse=3.0 * ((t > 200.0) & (t < 240.0)),
         gradual_step=-8.0 * np.expm1(-np.maximum(t - 250.0, 0.0) / 30.0),
-        sinusoid=0.5 * np.sin(0.7 * t))[effect]
+        sinusoid=0.5 * np.sin(0.7 * t), ringing=(t > 300.0) * np.exp(
+            (300.0 - t) / 20.0) * 5.0 * np.sin(0.5 * t))[effect]
     scene, h = Scene(y, DT, {}), member(Scene(y, DT, {}), MODEL[1])
     theta = account(scene, [h]).sample.nodes(6)
     solved, table = filters.solve(h, scene, (), theta), signatures.bayes_table()

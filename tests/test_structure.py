@@ -161,6 +161,19 @@ def test_one_record_of_every_hostile_condition(small):
     assert sum(name in wrong for name in healthy) <= 1 and len(wrong) <= 4, wrong
 
 
+@pytest.mark.large
+def test_what_is_outside_the_catalogue_has_no_wrong_name(small, monkeypatch):
+    """One record of some kinds; all of them: python -m figures outside"""
+    from figures import outside
+    some = ("smooth bump", "level reached by a ramp", "sawtooth", "chirp", "echo",
+            "square of a temperature", "noise garch", "noise even")
+    monkeypatch.setattr(outside, "KINDS", {k: outside.KINDS[k] for k in some})
+    said = outside.compute()
+    answers = [outside.answer(kind, *verdicts) for kind, verdicts in said.items()]
+    assert len(answers) == 8 and "wrong" not in answers and "none" not in answers, said
+    assert outside.table(said).count("\n") == 8 + len(outside.ANSWERS) - 1
+
+
 def test_allan_curves_cannot_tell_the_processes_apart_without_white_noise(small):
     """Sec. 4.1: only the +1/2 slope is seen in Figure 1b below 30 s."""
     for name, tau, _, expected in identification.allan_curves(fig1.EXAMPLES):

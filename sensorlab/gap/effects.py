@@ -89,7 +89,8 @@ class Effect(NamedTuple):
                                 # all standard deviations
     parameters: Callable = nothing    # of the scene: priors of all that is no size
     search: str = ""            # how psi is found: "onset", "frequency", "pulse" (its
-                                # variants are among `onsets.SHAPES`), else by a list; a
+                                # variants are among `onsets.SHAPES`), "ringing", else
+                                # by a list; a
                                 # model that shows in the spectrum of the
                                 # residuals: "spectrum", or "band" by its frequency
     size: str = "size"          # what the factor of the columns is called

@@ -4,12 +4,15 @@ what begins at some time (`onsets`), sinusoids at every frequency.
 A scan of a long record has millions of gains: it is of one node alone.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import next_fast_len
 
-from sensorlab.gap.catalogue import MIN_CYCLES
-from sensorlab.gap.effects import LONG_RECORD
+from sensorlab.gap.catalogue import DECAYS, MIN_CYCLES, MIN_RINGING
+from sensorlab.gap.effects import BLOCK, LONG_RECORD
 from sensorlab.gap.kernels import KERNEL, spectrum
 from sensorlab.gap.onsets import resolved, span_scan, step_scan, step_scores
 from sensorlab.gap.signatures import (
@@ -79,7 +82,80 @@ def _interpolated(x, at, value):
     return (1.0 - share) * value[:, k - 1] + share * value[:, k]
 
 
-SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan)
+RING_STEP = 2.5     # ratio of one duration of a ringing to the next
+RING_PARTS = 6      # of its duration, by which onsets are apart
+MIN_PERIODS = 2     # in a duration: with fewer it is a pulse
+LONGEST = 2000      # samples of a ringing: longer it is a vibration
+
+
+class _Rings(NamedTuple):
+    """Decaying waves of one duration at one node."""
+
+    duration: int            # samples
+    every: int               # samples from one onset to the next, from the second on
+    frequency: np.ndarray    # (F,) Hz
+    gain: np.ndarray         # (onsets, F)
+
+
+def _rings(scene, one, n):
+    """`_Rings` of n samples: spectra of the residual behind an onset, weighted as they
+    decay. All that a wave holds of other frequencies counts, too: it begins at once.
+    """
+    L, every = next_fast_len(2 * n, real=True), max(n // RING_PARTS, 1)
+    decay, inverse = np.exp(-DECAYS / n * np.arange(L)), np.zeros((1, L))
+    keep = slice(-(-MIN_PERIODS * L // n), (L - 1) // 2)
+    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(L) / L)
+    turn[0] = 0.01 * turn[1]    # at rest a walk has infinite power
+    for share, own in one.spectra:
+        _line_information(turn, 2.0 * share[0], own.a, own.q, own.r, inverse)
+    J = 0.5 / L * np.fft.irfft(np.fft.rfft(np.abs(np.fft.fft(decay))**2)
+                               * np.fft.rfft(inverse[0]), L)[keep]
+    behind = sliding_window_view(np.append(one.residual[0, 1:], np.zeros(L)), L)[
+        :len(scene.y) - n - 1:every]
+    gain, rows = np.empty((len(behind), len(J))), max(BLOCK // L, 1)
+    for own in (slice(k, k + rows) for k in range(0, len(behind), rows)):
+        line = np.fft.rfft(behind[own] * decay)[:, keep]
+        gain[own] = (line.real**2 + line.imag**2) / J
+    return _Rings(n, every, np.fft.rfftfreq(L, scene.dt)[keep], gain)
+
+
+def _ringing_scan(scene, family, one):
+    """Decaying waves at every onset, of every duration and frequency."""
+    longest = min(len(scene.y) // 8, LONGEST)
+    lengths = np.exp(np.arange(np.log(min(MIN_RINGING, longest)), np.log(longest + 1.0),
+                               np.log(RING_STEP))).astype(int)
+    parts = [_rings(scene, one, n) for n in np.unique(lengths).tolist()]
+    ends = np.cumsum([0, *(part.gain.size for part in parts)])
+
+    def of(number):
+        psi = np.empty((len(number), 3))
+        for begin, end, part in zip(ends, ends[1:], parts):
+            own = (number >= begin) & (number < end)
+            onset, line = np.divmod(number[own] - begin, len(part.frequency))
+            psi[own, 0] = scene.dt * (1 + onset * part.every)
+            psi[own, 1], psi[own, 2] = scene.dt * part.duration, part.frequency[line]
+        return psi, np.full(len(number), "")
+    return Scan(np.concatenate([part.gain.ravel() for part in parts]), 2, of)
+
+
+def _resolved_ringing(scene, family, one, psi):
+    """The family about a decaying wave, ever finer."""
+    onset, duration, frequency = psi
+    apart = np.array([duration / RING_PARTS, RING_STEP, 0.5 / duration])
+    for _ in range(2):
+        family = family._replace(psi=tuple(
+            (max(onset + i * apart[0], scene.dt), duration * apart[1]**j, np.clip(
+                frequency + k * apart[2], 0.1 / duration, 0.5 / scene.dt))
+            for i in np.linspace(-1.0, 1.0, 5) for j in np.linspace(-1.0, 1.0, 5)
+            for k in np.linspace(-1.0, 1.0, 7)))
+        found = scores_at(scene, family, one)
+        onset, duration, frequency = found.psi[found.gain[0].argmax()]
+        apart = apart[0] / 3.0, apart[1]**(1.0 / 3.0), apart[2] / 3.0
+    return family
+
+
+SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
+             ringing=_ringing_scan)
 LIKELY = 16    # signatures whose gains are exact at every node
 
 
@@ -129,6 +205,9 @@ def refined(scene, family, one):
         if effect.search == "pulse":
             (psi,), _ = scan.of(gain.argmax(keepdims=True))
             return resolved(scene, family, one, *np.round(psi / scene.dt).astype(int))
+        if effect.search == "ringing":
+            (psi,), _ = scan.of(gain.argmax(keepdims=True))
+            return _resolved_ringing(scene, family, one, psi)
         psi, _ = scan.of(np.arange(len(gain)))
     else:
         found = scores_at(scene, family, one)

@@ -17,7 +17,7 @@ from sensorlab.tables import Table, as_text
 
 PHRASES = dict(
     rate_ramp="a rate ramp", bias_step="a bias step", pulse="a pulse",
-    gradual_step="a gradual bias step",
+    gradual_step="a gradual bias step", ringing="a ringing",
     second_order_drift="a second-order drift", turn_on_transient="a turn-on transient",
     sinusoid="a sinusoid", temperature="a dependence on temperature",
     thermal_lag="a dependence on temperature that lags behind",
