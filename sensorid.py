@@ -1012,34 +1012,38 @@ def _record_of_group(y, observed, last_gap, node, memory, state):
 
 
 @njit(**JIT)
-def _predict_abreast(entries, apart, phi, noise, P, prior):
+def _predict_abreast(at, entries, apart, Phi, Q, P, prior):
     """Eq. (5) for nodes of n states abreast: P (n, n, M), of which the lower half
-    counts, becomes the predicted covariance. States that are `apart` do not mix.
+    counts, becomes the predicted covariance of sample `at`. States that are `apart` do
+    not mix.
 
-    Inner loops ask an array for their length: it vectorises better than one known.
+    Inner loops ask an array for their length: it vectorises better than one known. A
+    view of a row would count references, which takes as long as such a loop.
     """
-    n = len(P)
+    n, i, j = len(P), min(at, len(Phi) - 1), min(at, len(Q) - 1)
     if apart:
         for row in range(n):
             for s in range(row + 1):
                 for g in range(P.shape[2]):
-                    P[row, s, g] = (phi[row, row, g] * P[row, s, g] * phi[s, s, g]
-                                    + noise[row, s, g])
+                    P[row, s, g] = (Phi[i, row, row, g] * P[row, s, g]
+                                    * Phi[i, s, s, g] + Q[j, row, s, g])
         return
     prior[:] = 0.0
-    for row, column in entries:
+    for k in range(len(entries)):
+        row, column = entries[k, 0], entries[k, 1]
         for s in range(n):
             low, high = min(column, s), max(column, s)
             for g in range(P.shape[2]):
-                prior[row, s, g] += phi[row, column, g] * P[high, low, g]
+                prior[row, s, g] += Phi[i, row, column, g] * P[high, low, g]
     for row in range(n):
         for s in range(row + 1):
             for g in range(P.shape[2]):
-                P[row, s, g] = noise[row, s, g]
-    for row, column in entries:
+                P[row, s, g] = Q[j, row, s, g]
+    for k in range(len(entries)):
+        row, column = entries[k, 0], entries[k, 1]
         for s in range(row, n):
             for g in range(P.shape[2]):
-                P[s, row, g] += prior[s, column, g] * phi[row, column, g]
+                P[s, row, g] += prior[s, column, g] * Phi[i, row, column, g]
 
 
 @njit(**JIT)
@@ -1054,20 +1058,19 @@ def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weigh
     f, product = np.empty(M), np.ones(M)
     for i in range(len(observed)):
         o, at = observed[i], first + i
-        h, noise = H[min(at, len(H) - 1)], r[min(at, len(r) - 1)]
-        _predict_abreast(entries, apart, Phi[min(at, len(Phi) - 1)],
-                         Q[min(at, len(Q) - 1)], P, prior)
+        own, noise = min(at, len(H) - 1), min(at, len(r) - 1)
+        _predict_abreast(at, entries, apart, Phi, Q, P, prior)
         for g in range(len(f)):
-            f[g] = noise[g]
+            f[g] = r[noise, g]
         for row in range(n):
             for g in range(len(f)):
                 Ph[row, g] = 0.0
             for s in range(n):
                 low, high = min(row, s), max(row, s)
                 for g in range(len(f)):
-                    Ph[row, g] += P[high, low, g] * h[s, g]
+                    Ph[row, g] += P[high, low, g] * H[own, s, g]
             for g in range(len(f)):
-                f[g] += h[row, g] * Ph[row, g]
+                f[g] += H[own, row, g] * Ph[row, g]
         for g in range(len(f)):
             weight[i, g] = o / f[g]
             product[g] *= o * f[g] + (1.0 - o)
@@ -1105,30 +1108,30 @@ def _innovations_abreast(y, first, entries, apart, Phi, H, gain, x, nu):
     n = len(x)
     new = np.empty(x.shape)
     for i in range(len(y)):
-        at = first + i
-        phi, h = Phi[min(at, len(Phi) - 1)], H[min(at, len(H) - 1)]
-        own, k = nu[i], gain[min(i, len(gain) - 1)]
+        at, own = min(first + i, len(Phi) - 1), min(first + i, len(H) - 1)
+        k = min(i, len(gain) - 1)
         for g in range(x.shape[1]):
-            own[g] = y[i]
+            nu[i, g] = y[i]
         if apart:
             for s in range(n):
                 for g in range(x.shape[1]):
-                    x[s, g] *= phi[s, s, g]
-                    own[g] -= h[s, g] * x[s, g]
+                    x[s, g] *= Phi[at, s, s, g]
+                    nu[i, g] -= H[own, s, g] * x[s, g]
             for s in range(n):
                 for g in range(x.shape[1]):
-                    x[s, g] += k[s, g] * own[g]
+                    x[s, g] += gain[k, s, g] * nu[i, g]
             continue
         new[:] = 0.0
-        for row, column in entries:
+        for entry in range(len(entries)):
+            row, column = entries[entry, 0], entries[entry, 1]
             for g in range(x.shape[1]):
-                new[row, g] += phi[row, column, g] * x[column, g]
+                new[row, g] += Phi[at, row, column, g] * x[column, g]
         for s in range(n):
             for g in range(x.shape[1]):
-                own[g] -= h[s, g] * new[s, g]
+                nu[i, g] -= H[own, s, g] * new[s, g]
         for s in range(n):
             for g in range(x.shape[1]):
-                x[s, g] = new[s, g] + k[s, g] * own[g]
+                x[s, g] = new[s, g] + gain[k, s, g] * nu[i, g]
     for s in range(n):
         for g in range(x.shape[1]):
             if abs(x[s, g]) < DUST:
@@ -1189,19 +1192,19 @@ def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x
                 y[record, begin:end], first + begin, entries, apart, Phi, H,
                 gain[:1] if steady else gain, x[record], nu)
             for i in range(end - begin):
-                w = weight[0 if steady else i]
-                for g in range(len(w)):
-                    sums[record, 0, g] += w[g] * nu[i, g] * nu[i, g]
+                w = 0 if steady else i
+                for g in range(M):
+                    sums[record, 0, g] += weight[w, g] * nu[i, g] * nu[i, g]
                     if ones:
                         mu[i, g] = nu[i, g]
                     else:
-                        sums[record, 1, g] += w[g] * nu[i, g] * mu[i, g]
+                        sums[record, 1, g] += weight[w, g] * nu[i, g] * mu[i, g]
         for k in range(len(pairs)):
             one, other, product = every[pairs[k, 0]], every[pairs[k, 1]], products[k]
             for i in range(end - begin):
-                w = weight[0 if steady else i]
-                for g in range(len(w)):
-                    product[g] += w[g] * one[i, g] * other[i, g]
+                w = 0 if steady else i
+                for g in range(M):
+                    product[g] += weight[w, g] * one[i, g] * other[i, g]
         if not timeless or begin <= last_gap or end - begin < STRETCH:
             continue
         if not steady and _is_steady(past, P, gain[STRETCH - 1], weight[STRETCH - 1]):

@@ -605,18 +605,23 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
     for group in range(first, last):
         node = np.minimum(group * lanes + np.arange(lanes), M - 1)
         parts, back = np.empty((6, n, lanes)), np.ones((2, n + 1, lanes))
-        P, x = np.zeros((n, n, lanes)), np.zeros((C, n, lanes))
+        P, x = np.zeros((n, n, lanes)), np.zeros((n, C, lanes))
         kept_P, kept_x = (np.empty((stretches, n, n, lanes)),
-                          np.empty((stretches, C, n, lanes)))
+                          np.empty((stretches, n, C, lanes)))
         noise, weight = np.empty((STRETCH, lanes)), np.empty((STRETCH, lanes))
         K, gain = np.empty((STRETCH, n, lanes)), np.empty((C, STRETCH, lanes))
-        R, D = np.zeros((C, n, lanes)), np.zeros((n + 1, n + 1, lanes))
+        R, D = np.zeros((n, C, lanes)), np.zeros((n + 1, n + 1, lanes))
         log_f, product = np.zeros(lanes), np.ones(lanes)
+        there_of, back_of = np.empty((2, n, C * lanes)), np.empty((2, n, C * lanes))
         shocks = np.empty((STRETCH, lanes))
         load(own, pair, node, parts, P)
         for s in range(n):    # of Phi'
             for g in range(lanes):
                 back[0, s, g], back[1, s, g] = parts[0, s, g], parts[1, pair[s], g]
+                for c in range(C):
+                    for k in range(2):
+                        there_of[k, s, c * lanes + g] = parts[k, s, g]
+                        back_of[k, s, c * lanes + g] = back[k, s, g]
         for way in range(2 * stretches):
             there = way < stretches
             k = way if there else 2 * stretches - 1 - way
@@ -632,7 +637,8 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
                 for g in range(lanes):
                     noise[i, g] = r[node[g], min(begin + i, r.shape[1] - 1)]
             _go_there(y[:, begin:begin + count], observed[begin:begin + count], noise,
-                      h, own, node, later, begin, parts, pair, P, x, K, weight, gain)
+                      h, own, node, later, begin, parts, there_of, pair, P, x, K,
+                      weight, gain)
             _without_dust(x)
             if there:
                 for i in range(count):
@@ -643,7 +649,8 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
                             log_f[g] += np.log(product[g])
                             product[g] = 1.0
                 continue
-            _go_back(count, shifted, back, to_itself, K, weight, gain, R, D, shocks)
+            _go_back(count, shifted, back, back_of, to_itself, K, weight, gain, R, D,
+                     shocks)
             _without_dust(R)
             for g in range(min(lanes, M - group * lanes)):
                 for i in range(count):
@@ -664,7 +671,7 @@ def _copy(source, target):
 
 @njit(**JIT)
 def _without_dust(x):
-    """States (C, n, lanes) that have nearly decayed are 0: see `sensorid.DUST`."""
+    """States (n, C, lanes) that have nearly decayed are 0: see `sensorid.DUST`."""
     for c in range(x.shape[0]):
         for s in range(x.shape[1]):
             for g in range(x.shape[2]):
@@ -673,71 +680,91 @@ def _without_dust(x):
 
 
 @njit(**JIT)
-def _go_there(y, observed, noise, h, own, node, later, begin, parts, pair, P, x, K,
-              weight, gain):
+def _go_there(y, observed, noise, h, own, node, later, begin, parts, of_columns, pair,
+              P, x, K, weight, gain):
     """A stretch of the way there of `adjoint` from the sample `begin` on: K = Phi P h
     / f, weight 1 / f, 0 where nothing is seen, and gain nu / f of every sample; noise
-    (., lanes) becomes f, 1 where nothing is seen.
+    (., lanes) becomes f, 1 where nothing is seen. Columns lie side by side, as lanes
+    do: x (n, C, lanes), and their parts `of_columns` (2, n, C lanes).
     """
-    (C, N), n = y.shape, len(h)
-    Ph, nu = np.empty((n, x.shape[2])), np.empty(x.shape[2])
+    (C, N), n, lanes = y.shape, len(h), P.shape[2]
+    Ph, turned, f, w = (np.empty((n, lanes)), np.empty((n, lanes)), np.empty(lanes),
+                        np.empty(lanes))
+    nu, all_x = np.empty((C, lanes)), x.reshape(n, C * lanes)
+    all_nu = nu.ravel()
     for i in range(N):
         if len(later):
             drive(own, node, later, begin + i, parts)
+        for g in range(lanes):
+            f[g] = noise[i, g]
         turn_covariance(parts, pair, P)
-        observe_covariance(parts, pair, h, P, Ph, noise[i])
-        for g in range(len(nu)):
-            weight[i, g] = observed[i] / noise[i, g]
-            noise[i, g] = observed[i] * noise[i, g] + (1.0 - observed[i])
-            for s in range(n):
-                K[i, s, g] = Ph[s, g] * weight[i, g]
-        turn(parts, pair, K[i])
-        update_covariance(P, Ph, weight[i])
+        observe_covariance(parts, pair, h, P, Ph, f)
+        for g in range(lanes):
+            w[g] = observed[i] / f[g]
+            weight[i, g] = w[g]
+            noise[i, g] = observed[i] * f[g] + (1.0 - observed[i])
+        for s in range(n):
+            for g in range(lanes):
+                turned[s, g] = Ph[s, g] * w[g]
+        turn(parts, pair, turned)
+        for s in range(n):
+            for g in range(lanes):
+                K[i, s, g] = turned[s, g]
+        update_covariance(P, Ph, w)
         for c in range(C):
-            nu[:] = y[c, i]
-            turn(parts, pair, x[c])
-            observe_state(h, x[c], nu)
-            for g in range(len(nu)):
-                gain[c, i, g] = nu[g] * weight[i, g]
-            update_state(x[c], Ph, gain[c, i])
+            for g in range(lanes):
+                nu[c, g] = y[c, i]
+        turn(of_columns, pair, all_x)
+        observe_state(h, all_x, all_nu)
+        for c in range(C):
+            for g in range(lanes):
+                gain[c, i, g] = nu[c, g] * w[g]
+            for s in range(n):
+                for g in range(lanes):
+                    x[s, c, g] += Ph[s, g] * gain[c, i, g]
 
 
 @njit(**JIT)
-def _go_back(N, h, back, pair, K, weight, gain, R, D, steps):
+def _go_back(N, h, back, of_columns, pair, K, weight, gain, R, D, steps):
     """A stretch of N samples of the way back of `adjoint`: gain (C, ., lanes) becomes
-    C^-1 y; steps (., lanes) becomes s' C^-1 s; R and D are what comes after. The last
-    of the n + 1 states is the shift; back (2, n + 1, lanes) are factors of Phi'.
+    C^-1 y; steps (., lanes) becomes s' C^-1 s; R (n, C, lanes) and D are what comes
+    after. The last of the n + 1 states is the shift; back (2, n + 1, lanes) are factors
+    of Phi', those `of_columns` (2, n, C lanes).
     """
-    C, n = R.shape[:2]
-    kD, kDk = np.empty((n + 1, R.shape[2])), np.empty(R.shape[2])
+    n, C, lanes = R.shape
+    kD, kDk, all_R = np.empty((n + 1, lanes)), np.empty(lanes), R.reshape(n, C * lanes)
+    few = pair[:n]
     for i in range(N - 1, -1, -1):
         for c in range(C):
             for s in range(n):
-                for g in range(len(kDk)):
-                    gain[c, i, g] -= K[i, s, g] * R[c, s, g]
-            turn(back, pair[:n], R[c])
+                for g in range(lanes):
+                    gain[c, i, g] -= K[i, s, g] * R[s, c, g]
+        turn(of_columns, few, all_R)
+        for c in range(C):
             for s in range(n):
-                for g in range(len(kDk)):
-                    R[c, s, g] += h[s] * gain[c, i, g]
+                for g in range(lanes):
+                    R[s, c, g] += h[s] * gain[c, i, g]
         # D = h h' / f + L' D L with L = Phi - K h', of the shift 1 and 0
-        kD[:] = 0.0
         for t in range(n + 1):
+            for g in range(lanes):
+                kD[t, g] = 0.0
             for s in range(n):
                 high, low = max(s, t), min(s, t)
-                for g in range(len(kDk)):
+                for g in range(lanes):
                     kD[t, g] += D[high, low, g] * K[i, s, g]
-        for g in range(len(kDk)):
+        for g in range(lanes):
             kDk[g] = weight[i, g]
-            for s in range(n):
+        for s in range(n):
+            for g in range(lanes):
                 kDk[g] += K[i, s, g] * kD[s, g]
         turn(back, pair, kD)
         turn_covariance(back, pair, D)
         for s in range(n + 1):
             for t in range(s + 1):
-                for g in range(len(kDk)):
+                for g in range(lanes):
                     D[s, t, g] += (h[s] * h[t] * kDk[g] - h[t] * kD[s, g]
                                    - h[s] * kD[t, g])
-        for g in range(len(kDk)):
+        for g in range(lanes):
             steps[i, g] = D[n, n, g]
 
 
