@@ -67,7 +67,7 @@ class Spectrum(NamedTuple):
 
 def residual_spectrum(h, scene, signatures, theta):
     """`Spectrum` of a member at theta (p,)."""
-    z = predict(h, scene, signatures, theta[None]).z[0, 0]
+    z = predict(h, scene, signatures, theta[None], whole=False).z[0, 0]
     z = z[:prev_fast_len(len(z))]
     inside = slice(1, (len(z) + 1) // 2)    # both ends have one degree of freedom only
     frequency = np.fft.rfftfreq(len(z), scene.dt)[inside]
