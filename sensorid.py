@@ -971,75 +971,88 @@ def _steady_abreast(y, a, ak, state):
             state[g + 2 * GROUP] += nu0 + nu1 + nu2 + nu3
 
 
-@njit(parallel=True, **JIT)
-def _advance_record(y, observed, last_gap, node, memory, state):
-    """Move a one-state bank on by one stretch of one record, nodes abreast.
-
-    y (n,); node, memory (groups, 4, GROUP); state (groups, 3 * GROUP).
-    """
-    for group in prange(len(node)):
-        _record_of_group(y, observed, last_gap, node[group], memory[group],
-                         state[group])
-
-
 @njit(nogil=True, **JIT)
-def _record_of_group(y, observed, last_gap, node, memory, state):
-    """One group of `_advance_record`. Once p and mu no longer change, f, gain and mu
-    are constants of the node: only the innovation is left of the recursion.
+def _record_of_group(y, rows, observed, last_gap, node, memory, state):
+    """Move a group of one-state nodes on by one stretch of a few records, nodes
+    abreast: gains are found once for all rows. Once p and mu no longer change, only the
+    innovation is left of the recursion.
+
+    y (C, n); rows (R, 2) are numbers of a record and of one that is added to it, -1 for
+    none; node, memory (4, GROUP); state (R, 3 * GROUP).
     """
     n = len(observed)
     ak, w, c = (np.empty((TILE, GROUP)), np.empty((TILE, GROUP)),
                 np.empty((TILE, GROUP)))
-    gain, sums = np.empty(GROUP), np.zeros(3 * GROUP)
+    gain, sums, tile = np.empty(GROUP), np.empty(3 * GROUP), np.empty(TILE)
     first, steady = 0, False
     while first < n and not (steady and first > last_gap):
         last = first + ((n - first) % TILE or TILE)    # the odd tile first
         past = memory.copy()
         _gains(observed[first:last], node, memory, ak, w, c)
-        _nodes_abreast(y[first:last], node, ak, w, c, state)
+        for row in range(len(rows)):
+            _lay(y, rows[row], first, last, tile)
+            _nodes_abreast(tile[:last - first], node, ak, w, c, state[row])
         first, steady = last, _gains_stay(past, node, memory)
-    if first < n:
+    if first == n:
+        return
+    for g in range(GROUP):
+        gain[g] = node[0, g] * memory[0, g] / (memory[0, g] + node[2, g])
+    for row in range(len(rows)):
+        sums[:] = 0.0
         for g in range(GROUP):
-            gain[g] = node[0, g] * memory[0, g] / (memory[0, g] + node[2, g])
-            sums[g] = state[g]
-        _steady_abreast(y[first:], node[0], gain, sums)
+            sums[g] = state[row, g]
+        for begin in range(first, n, TILE):
+            _lay(y, rows[row], begin, begin + TILE, tile)
+            _steady_abreast(tile, node[0], gain, sums)
         for g in range(GROUP):
             f, mu = memory[0, g] + node[2, g], 1.0 - memory[1, g]
-            state[g] = sums[g]
-            state[g + GROUP] += sums[g + GROUP] / f
-            state[g + 2 * GROUP] += sums[g + 2 * GROUP] * mu / f
-        _count_steady(n - first, node, memory)
+            state[row, g] = sums[g]
+            state[row, g + GROUP] += sums[g + GROUP] / f
+            state[row, g + 2 * GROUP] += sums[g + 2 * GROUP] * mu / f
+    _count_steady(n - first, node, memory)
 
 
 @njit(**JIT)
-def _predict_abreast(entries, apart, phi, noise, P, prior):
-    """Eq. (5) for nodes of n states abreast: P (n, n, M), of which the lower half
-    counts, becomes the predicted covariance. States that are `apart` do not mix.
+def _lay(y, row, first, last, tile):
+    """Samples of a row of `_record_of_group`."""
+    one, other = row
+    for i in range(last - first):
+        tile[i] = y[one, first + i] + (y[other, first + i] if other >= 0 else 0.0)
 
-    Inner loops ask an array for their length: it vectorises better than one known.
+
+@njit(**JIT)
+def _predict_abreast(at, entries, apart, Phi, Q, P, prior):
+    """Eq. (5) for nodes of n states abreast: P (n, n, M), of which the lower half
+    counts, becomes the predicted covariance of sample `at`. States that are `apart` do
+    not mix.
+
+    Inner loops ask an array for their length: it vectorises better than one known. A
+    view of a row would count references, which takes as long as such a loop.
     """
-    n = len(P)
+    n, i, j = len(P), min(at, len(Phi) - 1), min(at, len(Q) - 1)
     if apart:
         for row in range(n):
             for s in range(row + 1):
                 for g in range(P.shape[2]):
-                    P[row, s, g] = (phi[row, row, g] * P[row, s, g] * phi[s, s, g]
-                                    + noise[row, s, g])
+                    P[row, s, g] = (Phi[i, row, row, g] * P[row, s, g]
+                                    * Phi[i, s, s, g] + Q[j, row, s, g])
         return
     prior[:] = 0.0
-    for row, column in entries:
+    for k in range(len(entries)):
+        row, column = entries[k, 0], entries[k, 1]
         for s in range(n):
             low, high = min(column, s), max(column, s)
             for g in range(P.shape[2]):
-                prior[row, s, g] += phi[row, column, g] * P[high, low, g]
+                prior[row, s, g] += Phi[i, row, column, g] * P[high, low, g]
     for row in range(n):
         for s in range(row + 1):
             for g in range(P.shape[2]):
-                P[row, s, g] = noise[row, s, g]
-    for row, column in entries:
+                P[row, s, g] = Q[j, row, s, g]
+    for k in range(len(entries)):
+        row, column = entries[k, 0], entries[k, 1]
         for s in range(row, n):
             for g in range(P.shape[2]):
-                P[s, row, g] += prior[s, column, g] * phi[row, column, g]
+                P[s, row, g] += prior[s, column, g] * Phi[i, row, column, g]
 
 
 @njit(**JIT)
@@ -1054,20 +1067,19 @@ def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weigh
     f, product = np.empty(M), np.ones(M)
     for i in range(len(observed)):
         o, at = observed[i], first + i
-        h, noise = H[min(at, len(H) - 1)], r[min(at, len(r) - 1)]
-        _predict_abreast(entries, apart, Phi[min(at, len(Phi) - 1)],
-                         Q[min(at, len(Q) - 1)], P, prior)
+        own, noise = min(at, len(H) - 1), min(at, len(r) - 1)
+        _predict_abreast(at, entries, apart, Phi, Q, P, prior)
         for g in range(len(f)):
-            f[g] = noise[g]
+            f[g] = r[noise, g]
         for row in range(n):
             for g in range(len(f)):
                 Ph[row, g] = 0.0
             for s in range(n):
                 low, high = min(row, s), max(row, s)
                 for g in range(len(f)):
-                    Ph[row, g] += P[high, low, g] * h[s, g]
+                    Ph[row, g] += P[high, low, g] * H[own, s, g]
             for g in range(len(f)):
-                f[g] += h[row, g] * Ph[row, g]
+                f[g] += H[own, row, g] * Ph[row, g]
         for g in range(len(f)):
             weight[i, g] = o / f[g]
             product[g] *= o * f[g] + (1.0 - o)
@@ -1105,30 +1117,30 @@ def _innovations_abreast(y, first, entries, apart, Phi, H, gain, x, nu):
     n = len(x)
     new = np.empty(x.shape)
     for i in range(len(y)):
-        at = first + i
-        phi, h = Phi[min(at, len(Phi) - 1)], H[min(at, len(H) - 1)]
-        own, k = nu[i], gain[min(i, len(gain) - 1)]
+        at, own = min(first + i, len(Phi) - 1), min(first + i, len(H) - 1)
+        k = min(i, len(gain) - 1)
         for g in range(x.shape[1]):
-            own[g] = y[i]
+            nu[i, g] = y[i]
         if apart:
             for s in range(n):
                 for g in range(x.shape[1]):
-                    x[s, g] *= phi[s, s, g]
-                    own[g] -= h[s, g] * x[s, g]
+                    x[s, g] *= Phi[at, s, s, g]
+                    nu[i, g] -= H[own, s, g] * x[s, g]
             for s in range(n):
                 for g in range(x.shape[1]):
-                    x[s, g] += k[s, g] * own[g]
+                    x[s, g] += gain[k, s, g] * nu[i, g]
             continue
         new[:] = 0.0
-        for row, column in entries:
+        for entry in range(len(entries)):
+            row, column = entries[entry, 0], entries[entry, 1]
             for g in range(x.shape[1]):
-                new[row, g] += phi[row, column, g] * x[column, g]
+                new[row, g] += Phi[at, row, column, g] * x[column, g]
         for s in range(n):
             for g in range(x.shape[1]):
-                own[g] -= h[s, g] * new[s, g]
+                nu[i, g] -= H[own, s, g] * new[s, g]
         for s in range(n):
             for g in range(x.shape[1]):
-                x[s, g] = new[s, g] + k[s, g] * own[g]
+                x[s, g] = new[s, g] + gain[k, s, g] * nu[i, g]
     for s in range(n):
         for g in range(x.shape[1]):
             if abs(x[s, g]) < DUST:
@@ -1189,19 +1201,19 @@ def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x
                 y[record, begin:end], first + begin, entries, apart, Phi, H,
                 gain[:1] if steady else gain, x[record], nu)
             for i in range(end - begin):
-                w = weight[0 if steady else i]
-                for g in range(len(w)):
-                    sums[record, 0, g] += w[g] * nu[i, g] * nu[i, g]
+                w = 0 if steady else i
+                for g in range(M):
+                    sums[record, 0, g] += weight[w, g] * nu[i, g] * nu[i, g]
                     if ones:
                         mu[i, g] = nu[i, g]
                     else:
-                        sums[record, 1, g] += w[g] * nu[i, g] * mu[i, g]
+                        sums[record, 1, g] += weight[w, g] * nu[i, g] * mu[i, g]
         for k in range(len(pairs)):
             one, other, product = every[pairs[k, 0]], every[pairs[k, 1]], products[k]
             for i in range(end - begin):
-                w = weight[0 if steady else i]
-                for g in range(len(w)):
-                    product[g] += w[g] * one[i, g] * other[i, g]
+                w = 0 if steady else i
+                for g in range(M):
+                    product[g] += weight[w, g] * one[i, g] * other[i, g]
         if not timeless or begin <= last_gap or end - begin < STRETCH:
             continue
         if not steady and _is_steady(past, P, gain[STRETCH - 1], weight[STRETCH - 1]):
@@ -1346,17 +1358,6 @@ def _no_more_threads_than(work):
         set_num_threads(threads)
 
 
-def _by_groups(all_of, one_of, y, observed, last_gap, node, memory, state):
-    """A kernel of all groups of one-state nodes; with one thread that of one group in
-    turn, which leaves the interpreter to others.
-    """
-    if get_num_threads() > 1:
-        all_of(y, observed, last_gap, node, memory, state)
-        return
-    for own in zip(node, memory, state):
-        one_of(y, observed, last_gap, *own)
-
-
 def _abreast(part):
     """Nodes of a bank, first axis, as groups: (groups, ..., M); a copy."""
     # loops around many cost less; of few, two threads have a part
@@ -1411,18 +1412,28 @@ def _scalar_nodes(b, size=GROUP):
 
 def _sums_records(b, y, observed, stretches, pairs):
     """Sums of records, then those of the sums of pairs of them."""
-    node, start = _scalar_nodes(b)
-    rows = [(own,) for own in y] + [(y[one], y[other]) for one, other in pairs]
-    state = np.zeros((len(rows), len(node), 3, GROUP))
+    node, memory = _scalar_nodes(b)
+    rows = np.vstack([[(row, -1) for row in range(len(y))], pairs])
+    state = np.zeros((len(node), len(rows), 3, GROUP))
+    # of few groups, every thread has a part of the rows, and gains of its own
+    parts = np.array_split(np.arange(len(rows)), min(len(rows), -(
+        -get_num_threads() // len(node))))
+
+    def advance(job):
+        group, part = job
+        own, past = state[group, part].reshape(len(part), -1), memory[group].copy()
+        _record_of_group(now, rows[part], observed[begin:end], last_gap, node[group],
+                         past, own)
+        state[group, part] = own.reshape(len(part), 3, GROUP)
+        return past
+
     for begin, end, last_gap in stretches:
-        for own, row in zip(state, rows):
-            memory = start.copy()
-            _by_groups(_advance_record, _record_of_group,
-                       sum(part[begin:end] for part in row), observed[begin:end],
-                       last_gap, node, memory, own.reshape(len(node), -1))
-        start = memory
-        yield (*(state[:, :, part].reshape(len(rows), -1)[:, :len(b.r)]
-                 for part in (1, 2)),
+        now = np.ascontiguousarray(y[:, begin:end])
+        memory = np.stack(side_by_side(advance, [
+            (group, part) for part in parts for group in range(len(node))]
+            )[:len(node)])
+        yield (*(np.moveaxis(state[:, :, part], 1, 0).reshape(len(rows), -1)[
+                     :, :len(b.r)] for part in (1, 2)),
                *(memory[:, part].ravel()[:len(b.r)] for part in (2, 3)))
 
 
@@ -1447,9 +1458,13 @@ def _sums_trials(b, y, observed, stretches, pairs):
             for block in range(blocks):
                 own = rows[block * LANES:(block + 1) * LANES]
                 lanes[block, :, :len(own)] = own.T
-            _by_groups(_advance_trials, _trials_of_group, lanes.reshape(blocks, -1),
-                       observed[first:last], last_gap - first, node, memory,
-                       state.reshape(len(node), size, blocks, -1))
+            piece = lanes.reshape(blocks, -1), observed[first:last], last_gap - first
+            own = state.reshape(len(node), size, blocks, -1)
+            if get_num_threads() > 1:
+                _advance_trials(*piece, node, memory, own)
+            else:    # that leaves the interpreter to others
+                for group in zip(node, memory, own):
+                    _trials_of_group(*piece, *group)
         yield (*(state[:, :, :, part].reshape(-1, blocks * LANES)[:len(b.r), :records].T
                  for part in (1, 2)),
                *(memory[:, part, :size].ravel()[:len(b.r)] for part in (2, 3)))
@@ -1458,9 +1473,10 @@ def _sums_trials(b, y, observed, stretches, pairs):
 def _sums_pairs(b, y, observed, stretches, pairs):
     """2 r's = (r + s)'(r + s) - r'r - s's: the one-state kernels give squares."""
     (C, M), (one, other) = (len(y), len(b.r)), pairs.T
-    # records, or nodes, lie side by side: what leaves fewer lanes idle
+    # records, or nodes, lie side by side: what leaves fewer lanes idle; records must be
+    # laid so before, and take longer once gains are steady
     rows = C + len(pairs)
-    run = (_sums_records if rows * -(-M // GROUP) < M * -(-rows // LANES)
+    run = (_sums_records if rows * -(-M // GROUP) < (1.3 * M + 5.0) * -(-rows // LANES)
            else _sums_trials)
     for chi2, score, *rest in run(b, y, observed, stretches, pairs):
         yield (chi2[:C], score[:C], *rest,

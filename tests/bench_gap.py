@@ -15,8 +15,8 @@ import sensorid as s
 from sensorlab import Scene
 from sensorlab.gap import evidence, filters
 from sensorlab.gap.kernels import (
-    KERNEL, LANES, groups, in_threads, load, predict_covariance, predict_state,
-    update_covariance, update_state)
+    KERNEL, LANES, groups, in_threads, load, observe_covariance, observe_state, turn,
+    turn_covariance, update_covariance, update_state)
 
 SCENE = Scene(s.simulate(MODEL[:1], DT, 20000, seed=2).error[0], DT, {})
 
@@ -43,8 +43,10 @@ def bank_of_steps(first, last, y, h, own, pair, r, sums):
         for i in range(len(y)):
             for g in range(LANES):
                 f[g], nu[g] = r[min(group * LANES + g, M - 1)], y[i]
-            predict_covariance(parts, pair, h, P, Ph, f)
-            predict_state(parts, pair, h, x, nu)
+            turn_covariance(parts, pair, P)
+            observe_covariance(parts, pair, h, P, Ph, f)
+            turn(parts, pair, x)
+            observe_state(h, x, nu)
             for g in range(LANES):
                 weight[g] = 1.0 / f[g]
                 gain[g] = nu[g] * weight[g]

@@ -344,11 +344,13 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
                     symbol: p.quantile(rng.random()) if isinstance(p, Parameter) else p
                     for symbol, p in one.values.items()})
     for number, (_, effects) in enumerate(simulator.pairs):
+        readings = [one for one in effects if one.effect.reading]
+        if not readings:
+            continue
         own = drawn.hypothesis == number
         read = drawn.error[own] + scene.known
-        for one in effects:
-            if one.effect.reading:
-                one.effect.reading(scene, read, **one.values)
+        for one in readings:
+            one.effect.reading(scene, read, **one.values)
         drawn.error[own] = read - scene.known
     drawn.error[:, np.isnan(scene.y)] = np.nan
     return drawn

@@ -19,7 +19,8 @@ from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import with_constants
 from sensorlab.gap.kernels import (
     KERNEL, LANES, MOST_LANES, drive, groups, in_threads, lanes_for, load,
-    predict_covariance, predict_state, update_covariance, update_state)
+    observe_covariance, observe_state, turn, turn_covariance, update_covariance,
+    update_state)
 
 
 class Sample(NamedTuple):
@@ -421,8 +422,10 @@ def _draw_onset_groups(first, last, lanes, y, H, own, pair, early, late, u, leas
             for i in range(N):
                 for g in range(lanes):
                     f[g], nu[g] = noise[g], y[i]
-                predict_covariance(parts, pair, H[i], P, Ph, f)
-                predict_state(parts, pair, H[i], x, nu)
+                turn_covariance(parts, pair, P)
+                observe_covariance(parts, pair, H[i], P, Ph, f)
+                turn(parts, pair, x)
+                observe_state(H[i], x, nu)
                 if np.isnan(y[i]):
                     continue
                 for g in range(lanes):

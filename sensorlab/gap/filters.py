@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from sensorid import LOG_2PI, Bank, Modes, Sums, bank, brief, filter_bank, modes
 from sensorlab.gap.effects import Found
 from sensorlab.gap.kernels import (
-    adjoint, mixture_filters, plain_gains, row_products, whiten, whiten_back)
+    adjoint, dot, mixture_filters, plain_gains, row_products, whiten, whiten_back)
 
 
 class Signature(NamedTuple):
@@ -240,8 +240,7 @@ class Filter(NamedTuple):
         those of u with `whitened` records.
         """
         return whiten_back(np.where(self.gap[first:], 0.0, u), first, self.H,
-                           self.turned, self.pair, self.gain,
-                           np.where(self.gap, 0.0, self.per_sigma))
+                           self.turned, self.pair, self.gain, self.per_sigma)
 
 
 def filter_of(h, scene, signatures, theta, gap):
@@ -261,8 +260,9 @@ def _filter_at(own, H, node, gap):
 
 def predict(h, scene, signatures, theta, y=None, whole=True, known=None):
     """`Predicted` of the record of a scene, or of others like it, y (R, N); if not the
-    `whole`, without what is known of single samples beside their scores. `known` is
-    the `Filter` of the only node, if it is.
+    `whole`, without what is known of single samples beside their scores, and without
+    the log-likelihood where nothing jumps. `known` is the `Filter` of the only node, if
+    it is.
     """
     y = scene.y[None] if y is None else y
     (R, N), M = y.shape, len(theta)
@@ -274,6 +274,8 @@ def predict(h, scene, signatures, theta, y=None, whole=True, known=None):
             parts = with_constants(h, scene, signatures, theta)
             every = [_filter_at(*parts, node, gap) for node in range(M)]
         z = np.stack([one.whitened(y) for one in every], 1)
+        if not whole:
+            return Predicted(None, _within_limits(z), None, None)
         log_f = np.array([one.log_f for one in every])
         log_score = z * z
         log_score += log_f + LOG_2PI
@@ -356,13 +358,14 @@ class Gram(NamedTuple):
 
 def products(h, scene, y, columns, theta):
     """`Gram` of records y (R, N) and of columns, of which there are few."""
-    rows = np.array([*y, *columns])
+    rows, gap = np.array([*y, *columns]), np.isnan(y[0])
+    rows[:, gap] = 0.0
     # of one size: a sum must not lose the smaller of two columns
-    size = np.array([np.sqrt(np.nansum(row**2) / len(row)) or 1.0 for row in rows])
+    size = np.array([np.sqrt(dot(row, row) / len(row)) or 1.0 for row in rows])
     rows /= size[:, None]
     R, c = len(y), len(columns)
     pairs = [(i, j) for i in range(R, R + c) for j in range(i)]
-    rows[:, np.isnan(y[0])] = np.nan
+    rows[:, gap] = np.nan
     b = _bank(h, scene, theta)
     sums = summed(b, _parts_at(h, scene, theta, b), rows, pairs)
     result = np.empty((R, len(theta), c + 2, c + 2))

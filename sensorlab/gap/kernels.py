@@ -4,7 +4,9 @@ side.
 Nodes, or pairs of a record and a node, lie side by side in the lanes of all arrays,
 their last axis: the more, the less the loops around them cost. Inner loops take the
 number of lanes from an array: one over 16 that are known to be 16 would be unrolled,
-not vectorised. The steps that every such recursion takes stand first, once for all of
+not vectorised, nor is `min` or `max` of two numbers; a step that calls another, and
+a view of a row, count references, which takes as long as a step of few lanes. The steps
+that every such recursion takes stand first, once for all of
 them; h (n,) observes the states; of a covariance the lower half is kept. A state is
 eight numbers, as `filters.Parts` has them: its factor a, and b of the other state of
 its pair; variance q of its noise, and covariance c with that of the other; both of the
@@ -67,22 +69,24 @@ def groups(count, lanes):
 
 
 @njit(**JIT)
-def turn(a, b, pair, x):
-    """Phi x in place, x (n, lanes); Phi has a on its diagonal, b beside it."""
+def turn(parts, pair, x):
+    """Phi x in place, x (n, lanes); of the parts (2 or more, n, lanes), Phi has the
+    first on its diagonal, the second beside it.
+    """
     for s in range(len(pair)):
         t = pair[s]
         if t == s:
             for g in range(x.shape[1]):
-                x[s, g] *= a[s, g]
+                x[s, g] *= parts[0, s, g]
         elif t > s:
             for g in range(x.shape[1]):
                 old = x[s, g]
-                x[s, g] = a[s, g] * old + b[s, g] * x[t, g]
-                x[t, g] = a[t, g] * x[t, g] + b[t, g] * old
+                x[s, g] = parts[0, s, g] * old + parts[1, s, g] * x[t, g]
+                x[t, g] = parts[0, t, g] * x[t, g] + parts[1, t, g] * old
 
 
 @njit(**JIT)
-def turn_covariance(a, b, pair, P):
+def turn_covariance(parts, pair, P):
     """Phi P Phi' in place, P (n, n, lanes), of which the lower half is kept."""
     n = len(pair)
     for s in range(n):
@@ -92,27 +96,27 @@ def turn_covariance(a, b, pair, P):
                 if pair[k] != k:
                     high, low = max(k, s), min(k, s)
                     for g in range(P.shape[2]):
-                        P[high, low, g] *= a[s, g]
+                        P[high, low, g] *= parts[0, s, g]
                 elif k <= s:
                     for g in range(P.shape[2]):
-                        P[s, k, g] *= a[s, g] * a[k, g]
+                        P[s, k, g] *= parts[0, s, g] * parts[0, k, g]
         elif t > s:
             for k in range(n):
                 if k == s or k == t:
                     continue
-                one, two = P[max(k, s), min(k, s)], P[max(k, t), min(k, t)]
+                i, j, other_i, other_j = max(k, s), min(k, s), max(k, t), min(k, t)
                 for g in range(P.shape[2]):
-                    old = one[g]
-                    one[g] = a[s, g] * old + b[s, g] * two[g]
-                    two[g] = a[t, g] * two[g] + b[t, g] * old
+                    one, other = P[i, j, g], P[other_i, other_j, g]
+                    P[i, j, g] = parts[0, s, g] * one + parts[1, s, g] * other
+                    P[other_i, other_j, g] = (
+                        parts[0, t, g] * other + parts[1, t, g] * one)
             for g in range(P.shape[2]):
+                a, b, c, d = (parts[0, s, g], parts[1, s, g], parts[0, t, g],
+                              parts[1, t, g])
                 first, both, second = P[s, s, g], P[t, s, g], P[t, t, g]
-                P[s, s, g] = a[s, g]**2 * first + b[s, g] * (
-                    2.0 * a[s, g] * both + b[s, g] * second)
-                P[t, t, g] = a[t, g]**2 * second + b[t, g] * (
-                    2.0 * a[t, g] * both + b[t, g] * first)
-                P[t, s, g] = both * (a[s, g] * a[t, g] + b[s, g] * b[t, g]) + (
-                    a[s, g] * b[t, g] * first + a[t, g] * b[s, g] * second)
+                P[s, s, g] = a * a * first + b * (2.0 * a * both + b * second)
+                P[t, t, g] = c * c * second + d * (2.0 * c * both + d * first)
+                P[t, s, g] = both * (a * c + b * d) + (a * d * first + c * b * second)
 
 
 @njit(**JIT)
@@ -144,27 +148,22 @@ def drive(own, node, later, i, parts):
 
 
 @njit(**JIT)
-def predict_covariance(parts, pair, h, P, Ph, f):
-    """P (n, n, lanes) one step on, its product Ph (n, lanes) with h, and h P h' added
-    to f (lanes,), Eqs. (6), (8).
+def observe_covariance(parts, pair, h, P, Ph, f):
+    """P (n, n, lanes), turned, with the noise of a step, its product Ph (n, lanes) with
+    h, and h P h' added to f (lanes,), Eqs. (6), (8).
     """
-    a, b, q, c = parts[0], parts[1], parts[2], parts[3]
     n = len(pair)
-    turn_covariance(a, b, pair, P)
     for s in range(n):
         for g in range(len(f)):
-            Ph[s, g] = 0.0
-        for g in range(len(f)):
-            P[s, s, g] += q[s, g]
+            P[s, s, g] += parts[2, s, g]
+            Ph[s, g] = h[s] * P[s, s, g]
         if pair[s] < s:
             for g in range(len(f)):
-                P[s, pair[s], g] += c[s, g]
+                P[s, pair[s], g] += parts[3, s, g]
         for t in range(s):
             for g in range(len(f)):
                 Ph[s, g] += h[t] * P[s, t, g]
                 Ph[t, g] += h[s] * P[s, t, g]
-        for g in range(len(f)):
-            Ph[s, g] += h[s] * P[s, s, g]
     for s in range(n):
         for g in range(len(f)):
             f[g] += h[s] * Ph[s, g]
@@ -181,10 +180,9 @@ def update_covariance(P, Ph, weight):
 
 
 @njit(**JIT)
-def predict_state(parts, pair, h, x, nu):
-    """x (n, lanes) one step on; what h sees of it leaves nu (lanes,), Eq. (7)."""
-    turn(parts[0], parts[1], pair, x)
-    for s in range(len(pair)):
+def observe_state(h, x, nu):
+    """What h sees of x (n, lanes), turned, leaves nu (lanes,), Eq. (7)."""
+    for s in range(len(h)):
         for g in range(len(nu)):
             nu[g] -= h[s] * x[s, g]
 
@@ -207,8 +205,7 @@ def plain_gains(H, own, pair, later, r, gap, gain, f):
     are the parts of one node; nothing is seen in a gap (N,).
     """
     (N, n), q, c = H.shape, own[2], own[3]
-    a, b, P = own[0].copy().reshape(n, 1), own[1].copy().reshape(n, 1), np.zeros((
-        n, n, 1))
+    turned, P = own[:2].copy().reshape(2, n, 1), np.zeros((n, n, 1))
     for s in range(n):
         P[s, s, 0] = own[4, s]
         if pair[s] < s:
@@ -217,7 +214,7 @@ def plain_gains(H, own, pair, later, r, gap, gain, f):
     for i in range(N):
         if len(later) and i == later[0]:
             q, c = own[6], own[7]
-        turn_covariance(a, b, pair, P)
+        turn_covariance(turned, pair, P)
         for s in range(n):
             P[s, s, 0] += q[s]
             Ph[s] = H[i, s] * P[s, s, 0]
@@ -274,10 +271,10 @@ def _whiten_groups(first, last, lanes, y, H, turned, pair, gain, per_sigma, z):
     for group in range(first, last):
         begin = group * lanes
         number = min(lanes, R - begin)
-        x, nu, (a, b) = np.zeros((n, number)), np.empty(number), _in_lanes(
+        x, nu, parts = np.zeros((n, number)), np.empty(number), _in_lanes(
             turned, number)
         for i in range(N):
-            turn(a, b, pair, x)
+            turn(parts, pair, x)
             for g in range(number):
                 nu[g] = y[begin + g, i]
             for s in range(n):
@@ -328,10 +325,10 @@ def _whiten_groups_back(begin, end, lanes, u, first, H, turned, pair, gain, per_
     for group in range(begin, end):
         row = group * lanes
         number = min(lanes, R - row)
-        x, nu, (a, b) = np.zeros((n, number)), np.empty(number), _in_lanes(
+        x, nu, parts = np.zeros((n, number)), np.empty(number), _in_lanes(
             turned, number)
         for s in range(n):    # of Phi'
-            b[s] = turned[1, pair[s]]
+            parts[1, s] = turned[1, pair[s]]
         for i in range(first + count - 1, first - 1, -1):
             for g in range(number):
                 nu[g] = u[row + g, i - first] * per_sigma[i]
@@ -341,7 +338,7 @@ def _whiten_groups_back(begin, end, lanes, u, first, H, turned, pair, gain, per_
             for s in range(n):
                 for g in range(len(nu)):
                     x[s, g] -= H[i, s] * nu[g]
-            turn(a, b, pair, x)
+            turn(parts, pair, x)
             for g in range(number):
                 result[row + g, i - first] = nu[g]
 
@@ -373,7 +370,7 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out):
     total = np.empty((len(y), own.shape[1]))
     levels = 2 if jump[:, 1].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
-    lanes = lanes_for(total.size)
+    lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
     in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y, H,
                own, pair, later, r, outlier, jump, out, total)
     return total
@@ -382,102 +379,122 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out):
 @njit(**KERNEL)
 def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, r,
                      outlier, jump, out, total):
-    """Groups of `mixture_filters`."""
+    """Groups of `mixture_filters`. The second level has lanes of its own, after those
+    of the first: `by_level` are the same numbers, (levels, lanes).
+    """
     N, rows = y.shape[1], out.shape[2]
     M, n = own.shape[1:]
-    count = len(y) * M
+    count, all_lanes, by_level = len(y) * M, levels * lanes, (levels, lanes)
     for group in range(first, last):
-        record, node = np.empty(lanes, np.int64), np.empty(lanes, np.int64)
-        parts = np.empty((6, n, lanes))
-        rate, wider = np.empty(lanes), np.empty(lanes)
-        change, offset = np.empty(lanes), np.empty(lanes)
-        x, P = np.zeros((levels, n, lanes)), np.zeros((levels, n, n, lanes))
-        Ph, apart = np.empty((levels, n, lanes)), np.empty((n, lanes))
-        weight = np.full((levels, lanes), 1.0 / levels)
-        prior, share = weight.copy(), np.ones((levels, lanes))
-        seen, nu, f = np.empty(lanes), np.empty((levels, lanes)), np.empty(lanes)
-        per_f, half = (np.empty((levels, kinds, lanes)),
-                       np.empty((levels, kinds, lanes)))
-        term, mass = np.empty((levels, kinds, lanes)), np.empty(lanes)
-        least, wild = np.empty(lanes), np.zeros((levels, lanes))
-        gain, shrink = np.empty(lanes), np.empty(lanes)
-        log_f, product = np.zeros(lanes), np.ones(lanes)
         number = min(lanes, count - group * lanes)
-        for g in range(lanes):
-            both = min(group * lanes + g, count - 1)
-            record[g], node[g] = both // M, both % M
+        record, node = np.empty(lanes, np.int64), np.empty(all_lanes, np.int64)
+        rate, wider, offset = (np.empty(all_lanes), np.empty(all_lanes),
+                               np.empty(all_lanes))
+        change, value, mass = np.empty(lanes), np.empty(lanes), np.empty(lanes)
+        for g in range(all_lanes):
+            both, level = min(group * lanes + g % lanes, count - 1), g // lanes
+            record[g % lanes], node[g] = both // M, both % M
             rate[g], wider[g] = outlier[node[g], 0], outlier[node[g], 1]
-            change[g], offset[g] = jump[node[g], 0], jump[node[g], 1]
-        for level in range(levels):
-            load(own, pair, node, parts, P[level])
+            change[g % lanes] = jump[node[g], 0]
+            offset[g] = (2 * level - 1) * (levels - 1) * jump[node[g], 1]
+        parts, P = np.empty((6, n, all_lanes)), np.empty((n, n, all_lanes))
+        load(own, pair, node, parts, P)
+        x, Ph = np.zeros((n, all_lanes)), np.empty((n, all_lanes))
+        apart = np.empty((n, lanes))
+        weight = np.full(by_level, 1.0 / levels)
+        prior, share, here = weight.copy(), np.empty(by_level), np.empty(by_level)
+        seen, nu, least, wild = (np.empty(by_level), np.empty(by_level),
+                                 np.empty(by_level), np.zeros(by_level))
+        noise, f, less, power = (np.empty(all_lanes), np.empty(all_lanes),
+                                 np.empty(all_lanes), np.empty(all_lanes))
+        gain, shrink, of_kinds = (np.empty(all_lanes), np.empty(all_lanes),
+                                  (kinds, all_lanes))
+        per_f, half, term = np.empty(of_kinds), np.empty(of_kinds), np.empty(of_kinds)
+        log_f, product = np.zeros(lanes), np.ones(lanes)
+        # the same by level, or by lane
+        x_of, P_of = x.reshape(n, *by_level), P.reshape(n, n, *by_level)
+        half_of, offset_of = half.reshape(kinds, *by_level), offset.reshape(by_level)
+        all_prior, all_seen, all_nu = prior.ravel(), seen.ravel(), nu.ravel()
+        bits = power.view(np.int64)
+        all_least, all_here, all_wild = least.ravel(), here.ravel(), wild.ravel()
         for i in range(N):
+            h = H[i]
             if len(later):
                 drive(own, node, later, i, parts)
             if levels == 2:
-                _mix_levels(change, weight, prior, share, apart, x, P)
-            for g in range(len(f)):
-                value = y[record[g], i]
-                seen[g] = 0.0 if np.isnan(value) else 1.0
-                for level in range(levels):
-                    nu[level, g] = (value if seen[g] > 0.0 else 0.0) - (
-                        2 * level - 1) * (levels - 1) * offset[g]
-                least[g] = np.inf
+                _mix_levels(change, weight, prior, share, apart, x_of, P_of)
+            for g in range(lanes):
+                value[g] = y[record[g], i]
             for level in range(levels):
-                for g in range(len(f)):
-                    f[g] = r[node[g], min(i, r.shape[1] - 1)]
-                predict_covariance(parts, pair, H[i], P[level], Ph[level], f)
-                predict_state(parts, pair, H[i], x[level], nu[level])
-                for kind in range(kinds):
-                    for g in range(len(f)):
-                        k = 1.0 / (f[g] + kind * wider[g])
-                        per_f[level, kind, g] = k
-                        term[level, kind, g] = prior[level, g] * np.sqrt(k) * (
-                            rate[g] if kind else 1.0 - rate[g])
-                        half[level, kind, g] = 0.5 * k * nu[level, g] * nu[level, g]
-                        least[g] = min(least[g], half[level, kind, g])
-            mass[:] = 0.0
+                for g in range(lanes):
+                    seen[level, g] = 0.0 if np.isnan(value[g]) else 1.0
+                    nu[level, g] = (0.0 if np.isnan(value[g]) else value[g]
+                                    ) - offset_of[level, g]
+            if i == 0 or r.shape[1] > 1:
+                for g in range(all_lanes):
+                    noise[g] = r[node[g], i]
+            for g in range(all_lanes):
+                f[g] = noise[g]
+            turn_covariance(parts, pair, P)
+            observe_covariance(parts, pair, h, P, Ph, f)
+            turn(parts, pair, x)
+            observe_state(h, x, all_nu)
+            for kind in range(kinds):
+                for g in range(all_lanes):
+                    k = 1.0 / (f[g] + kind * wider[g])
+                    per_f[kind, g] = k
+                    term[kind, g] = all_prior[g] * np.sqrt(k) * (
+                        rate[g] if kind else 1.0 - rate[g])
+                    half[kind, g] = 0.5 * k * all_nu[g] * all_nu[g]
+            # no sample is as far out for an outlier
             for level in range(levels):
-                for kind in range(kinds):
-                    for g in range(len(f)):
-                        if half[level, kind, g] > least[g]:
-                            term[level, kind, g] *= np.exp(
-                                least[g] - half[level, kind, g])
-                    for g in range(len(f)):
-                        mass[g] += term[level, kind, g]
-            for g in range(len(f)):
-                log_f[g] += seen[g] * (least[g] + 0.5 * LOG_2PI)
-                product[g] *= seen[g] * mass[g] + (1.0 - seen[g])
+                for g in range(lanes):
+                    one, other = (half_of[kinds - 1, 0, g],
+                                  half_of[kinds - 1, levels - 1, g])
+                    least[level, g] = one if one < other else other
+            for kind in range(kinds if levels == 2 else kinds - 1):
+                for g in range(all_lanes):
+                    less[g] = all_least[g] - half[kind, g]
+                exponentials(less, power, bits)
+                for g in range(all_lanes):
+                    term[kind, g] *= less[g]
+            for g in range(all_lanes):
+                all_here[g] = term[0, g] + (term[1, g] if kinds == 2 else 0.0)
+            for g in range(lanes):
+                mass[g] = here[0, g] + (here[1, g] if levels == 2 else 0.0)
+                log_f[g] += seen[0, g] * (least[0, g] + 0.5 * LOG_2PI)
+                product[g] *= seen[0, g] * mass[g] + (1.0 - seen[0, g])
             if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
-                for g in range(len(f)):
+                for g in range(lanes):
                     log_f[g] -= np.log(product[g])
                     product[g] = 1.0
-            for level in range(levels):
-                for g in range(len(f)):
-                    here = term[level, 0, g]
-                    k, less = per_f[level, 0, g], per_f[level, 0, g]
-                    if kinds == 2:
-                        here += term[level, 1, g]
-                        wild[level, g] = term[level, 1, g] / here if here > 0.0 else 0.0
-                        apart_k = k - per_f[level, 1, g]
-                        k -= wild[level, g] * apart_k
-                        less = k - wild[level, g] * (1.0 - wild[level, g]) * (
-                            apart_k * nu[level, g])**2
-                    weight[level, g] = max(here / mass[g], 1e-12) if (
-                        seen[g] > 0.0) else prior[level, g]
-                    gain[g], shrink[g] = seen[g] * k * nu[level, g], seen[g] * less
-                update_state(x[level], Ph[level], gain)
-                update_covariance(P[level], Ph[level], shrink)
+            for level in range(levels if levels == 2 else 0):
+                for g in range(lanes):
+                    part = here[level, g] / mass[g]
+                    weight[level, g] = prior[level, g] if seen[level, g] == 0.0 else (
+                        part if part > 1e-12 else 1e-12)
+            for g in range(all_lanes):
+                k, shrink[g] = per_f[0, g], per_f[0, g]
+                if kinds == 2:
+                    all_wild[g] = term[1, g] / all_here[g] if all_here[g] > 0.0 else 0.0
+                    apart_k = k - per_f[1, g]
+                    k -= all_wild[g] * apart_k
+                    shrink[g] = k - all_wild[g] * (1.0 - all_wild[g]) * (
+                        apart_k * all_nu[g])**2
+                gain[g] = all_seen[g] * k * all_nu[g]
+                shrink[g] *= all_seen[g]
+            update_state(x, Ph, gain)
+            update_covariance(P, Ph, shrink)
             for g in range(number if rows else 0):
-                if seen[g] > 0.0:
+                if seen[0, g] > 0.0:
                     if rows == 4:
                         out[record[g], node[g], 3, i] = (
-                            np.log(mass[g]) - least[g] - 0.5 * LOG_2PI)
+                            np.log(mass[g]) - least[0, g] - 0.5 * LOG_2PI)
                     if levels * kinds == 1:
-                        out[record[g], node[g], 0, i] = nu[0, g] * np.sqrt(
-                            per_f[0, 0, g])
+                        out[record[g], node[g], 0, i] = nu[0, g] * np.sqrt(per_f[0, g])
                         continue
-                    below, above, odd = _sample_law(g, rate, prior, weight, wild, per_f,
-                                                    nu)
+                    below, above, odd = _sample_law(g, lanes, rate, all_prior, weight,
+                                                    wild, per_f, all_nu)
                     out[record[g], node[g], 0, i] = below
                     out[record[g], node[g], 1, i] = above
                     if rows == 4:
@@ -486,37 +503,68 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             total[record[g], node[g]] = -log_f[g]
 
 
+WHOLE = 1.5 * 2.0**52    # a number that is added to it is rounded to the last bit
+PER_LN_2 = 1.0 / math.log(2.0)
+LN_2 = 0.6931471803691238, 1.9082149292705877e-10    # in two parts, the first short
+
+
+@njit(**JIT)
+def exponentials(x, power, bits):
+    """exp of x (lanes,) up to 0 in place, to 1e-15 of it, below -708 as there: that of
+    a library takes one number at a time. Powers of two are made in `power` (lanes,), of
+    which `bits` are whole numbers in the same place.
+    """
+    for g in range(len(x)):
+        x[g] = x[g] if x[g] > -708.0 else -708.0    # of `max` there are no vectors
+        power[g] = x[g] * PER_LN_2 + WHOLE
+    for g in range(len(x)):
+        n = power[g] - WHOLE
+        r = (x[g] - n * LN_2[0]) - n * LN_2[1]
+        high = 1 / 5040 + r * (1 / 40320 + r * (1 / 362880 + r * (1 / 3628800 + r * (
+            1 / 39916800 + r * (1 / 479001600 + r * (1 / 6227020800))))))
+        x[g] = 1.0 + r * (1.0 + r * (1 / 2 + r * (1 / 6 + r * (1 / 24 + r * (
+            1 / 120 + r * (1 / 720 + r * high))))))
+    for g in range(len(x)):
+        bits[g] = (bits[g] + 1023) << 52    # 2^n
+    for g in range(len(x)):
+        x[g] *= power[g]
+
+
 @njit(**JIT)
 def _mix_levels(change, weight, prior, share, apart, x, P):
-    """What each of two levels is before a sample: part of it was the other before."""
+    """What each of two levels is before a sample: part of it was the other before.
+
+    weight, prior and share (2, lanes), x (n, 2, lanes), P (n, n, 2, lanes).
+    """
     n = len(apart)
     for level in range(2):
-        for g in range(apart.shape[1]):
+        for g in range(len(change)):
             stay = weight[level, g] * (1.0 - change[g])
             prior[level, g] = stay + weight[1 - level, g] * change[g]
             share[level, g] = stay / prior[level, g]
     for s in range(n):
-        for g in range(apart.shape[1]):
-            apart[s, g] = x[0, s, g] - x[1, s, g]
-            x[0, s, g] -= (1.0 - share[0, g]) * apart[s, g]
-            x[1, s, g] += (1.0 - share[1, g]) * apart[s, g]
+        for g in range(len(change)):
+            apart[s, g] = x[s, 0, g] - x[s, 1, g]
+            x[s, 0, g] -= (1.0 - share[0, g]) * apart[s, g]
+            x[s, 1, g] += (1.0 - share[1, g]) * apart[s, g]
         for t in range(s + 1):
-            for g in range(apart.shape[1]):
-                more = P[0, s, t, g] - P[1, s, t, g]
+            for g in range(len(change)):
+                more = P[s, t, 0, g] - P[s, t, 1, g]
                 both = apart[s, g] * apart[t, g]
-                P[0, s, t, g] -= (1.0 - share[0, g]) * (more - share[0, g] * both)
-                P[1, s, t, g] += (1.0 - share[1, g]) * (more + share[1, g] * both)
+                P[s, t, 0, g] -= (1.0 - share[0, g]) * (more - share[0, g] * both)
+                P[s, t, 1, g] += (1.0 - share[1, g]) * (more + share[1, g] * both)
 
 
 @njit(**JIT)
-def _sample_law(g, rate, prior, weight, wild, per_f, nu):
+def _sample_law(g, lanes, rate, prior, weight, wild, per_f, nu):
     """Predictive probabilities below and above a sample, and that it is an outlier."""
     below = above = odd = 0.0
-    for level in range(len(per_f)):
+    for level in range(len(weight)):
+        at = level * lanes + g
         odd += weight[level, g] * wild[level, g]
-        for kind in range(per_f.shape[1]):
-            part = 0.5 * prior[level, g] * (rate[g] if kind else 1.0 - rate[g])
-            e = nu[level, g] * np.sqrt(0.5 * per_f[level, kind, g])
+        for kind in range(len(per_f)):
+            part = 0.5 * prior[at] * (rate[at] if kind else 1.0 - rate[at])
+            e = nu[at] * np.sqrt(0.5 * per_f[kind, at])
             tail = part * math.erfc(abs(e))
             rest = 2.0 * part - tail
             below += rest if e > 0.0 else tail
@@ -557,18 +605,23 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
     for group in range(first, last):
         node = np.minimum(group * lanes + np.arange(lanes), M - 1)
         parts, back = np.empty((6, n, lanes)), np.ones((2, n + 1, lanes))
-        P, x = np.zeros((n, n, lanes)), np.zeros((C, n, lanes))
+        P, x = np.zeros((n, n, lanes)), np.zeros((n, C, lanes))
         kept_P, kept_x = (np.empty((stretches, n, n, lanes)),
-                          np.empty((stretches, C, n, lanes)))
+                          np.empty((stretches, n, C, lanes)))
         noise, weight = np.empty((STRETCH, lanes)), np.empty((STRETCH, lanes))
         K, gain = np.empty((STRETCH, n, lanes)), np.empty((C, STRETCH, lanes))
-        R, D = np.zeros((C, n, lanes)), np.zeros((n + 1, n + 1, lanes))
+        R, D = np.zeros((n, C, lanes)), np.zeros((n + 1, n + 1, lanes))
         log_f, product = np.zeros(lanes), np.ones(lanes)
+        there_of, back_of = np.empty((2, n, C * lanes)), np.empty((2, n, C * lanes))
         shocks = np.empty((STRETCH, lanes))
         load(own, pair, node, parts, P)
         for s in range(n):    # of Phi'
             for g in range(lanes):
                 back[0, s, g], back[1, s, g] = parts[0, s, g], parts[1, pair[s], g]
+                for c in range(C):
+                    for k in range(2):
+                        there_of[k, s, c * lanes + g] = parts[k, s, g]
+                        back_of[k, s, c * lanes + g] = back[k, s, g]
         for way in range(2 * stretches):
             there = way < stretches
             k = way if there else 2 * stretches - 1 - way
@@ -584,7 +637,8 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
                 for g in range(lanes):
                     noise[i, g] = r[node[g], min(begin + i, r.shape[1] - 1)]
             _go_there(y[:, begin:begin + count], observed[begin:begin + count], noise,
-                      h, own, node, later, begin, parts, pair, P, x, K, weight, gain)
+                      h, own, node, later, begin, parts, there_of, pair, P, x, K,
+                      weight, gain)
             _without_dust(x)
             if there:
                 for i in range(count):
@@ -595,7 +649,8 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
                             log_f[g] += np.log(product[g])
                             product[g] = 1.0
                 continue
-            _go_back(count, shifted, back, to_itself, K, weight, gain, R, D, shocks)
+            _go_back(count, shifted, back, back_of, to_itself, K, weight, gain, R, D,
+                     shocks)
             _without_dust(R)
             for g in range(min(lanes, M - group * lanes)):
                 for i in range(count):
@@ -616,7 +671,7 @@ def _copy(source, target):
 
 @njit(**JIT)
 def _without_dust(x):
-    """States (C, n, lanes) that have nearly decayed are 0: see `sensorid.DUST`."""
+    """States (n, C, lanes) that have nearly decayed are 0: see `sensorid.DUST`."""
     for c in range(x.shape[0]):
         for s in range(x.shape[1]):
             for g in range(x.shape[2]):
@@ -625,69 +680,91 @@ def _without_dust(x):
 
 
 @njit(**JIT)
-def _go_there(y, observed, noise, h, own, node, later, begin, parts, pair, P, x, K,
-              weight, gain):
+def _go_there(y, observed, noise, h, own, node, later, begin, parts, of_columns, pair,
+              P, x, K, weight, gain):
     """A stretch of the way there of `adjoint` from the sample `begin` on: K = Phi P h
     / f, weight 1 / f, 0 where nothing is seen, and gain nu / f of every sample; noise
-    (., lanes) becomes f, 1 where nothing is seen.
+    (., lanes) becomes f, 1 where nothing is seen. Columns lie side by side, as lanes
+    do: x (n, C, lanes), and their parts `of_columns` (2, n, C lanes).
     """
-    (C, N), n = y.shape, len(h)
-    Ph, nu = np.empty((n, x.shape[2])), np.empty(x.shape[2])
+    (C, N), n, lanes = y.shape, len(h), P.shape[2]
+    Ph, turned, f, w = (np.empty((n, lanes)), np.empty((n, lanes)), np.empty(lanes),
+                        np.empty(lanes))
+    nu, all_x = np.empty((C, lanes)), x.reshape(n, C * lanes)
+    all_nu = nu.ravel()
     for i in range(N):
         if len(later):
             drive(own, node, later, begin + i, parts)
-        predict_covariance(parts, pair, h, P, Ph, noise[i])
-        for g in range(len(nu)):
-            weight[i, g] = observed[i] / noise[i, g]
-            noise[i, g] = observed[i] * noise[i, g] + (1.0 - observed[i])
-            for s in range(n):
-                K[i, s, g] = Ph[s, g] * weight[i, g]
-        turn(parts[0], parts[1], pair, K[i])
-        update_covariance(P, Ph, weight[i])
+        for g in range(lanes):
+            f[g] = noise[i, g]
+        turn_covariance(parts, pair, P)
+        observe_covariance(parts, pair, h, P, Ph, f)
+        for g in range(lanes):
+            w[g] = observed[i] / f[g]
+            weight[i, g] = w[g]
+            noise[i, g] = observed[i] * f[g] + (1.0 - observed[i])
+        for s in range(n):
+            for g in range(lanes):
+                turned[s, g] = Ph[s, g] * w[g]
+        turn(parts, pair, turned)
+        for s in range(n):
+            for g in range(lanes):
+                K[i, s, g] = turned[s, g]
+        update_covariance(P, Ph, w)
         for c in range(C):
-            nu[:] = y[c, i]
-            predict_state(parts, pair, h, x[c], nu)
-            for g in range(len(nu)):
-                gain[c, i, g] = nu[g] * weight[i, g]
-            update_state(x[c], Ph, gain[c, i])
+            for g in range(lanes):
+                nu[c, g] = y[c, i]
+        turn(of_columns, pair, all_x)
+        observe_state(h, all_x, all_nu)
+        for c in range(C):
+            for g in range(lanes):
+                gain[c, i, g] = nu[c, g] * w[g]
+            for s in range(n):
+                for g in range(lanes):
+                    x[s, c, g] += Ph[s, g] * gain[c, i, g]
 
 
 @njit(**JIT)
-def _go_back(N, h, back, pair, K, weight, gain, R, D, steps):
+def _go_back(N, h, back, of_columns, pair, K, weight, gain, R, D, steps):
     """A stretch of N samples of the way back of `adjoint`: gain (C, ., lanes) becomes
-    C^-1 y; steps (., lanes) becomes s' C^-1 s; R and D are what comes after. The last
-    of the n + 1 states is the shift; back (2, n + 1, lanes) are factors of Phi'.
+    C^-1 y; steps (., lanes) becomes s' C^-1 s; R (n, C, lanes) and D are what comes
+    after. The last of the n + 1 states is the shift; back (2, n + 1, lanes) are factors
+    of Phi', those `of_columns` (2, n, C lanes).
     """
-    C, n = R.shape[:2]
-    kD, kDk = np.empty((n + 1, R.shape[2])), np.empty(R.shape[2])
+    n, C, lanes = R.shape
+    kD, kDk, all_R = np.empty((n + 1, lanes)), np.empty(lanes), R.reshape(n, C * lanes)
+    few = pair[:n]
     for i in range(N - 1, -1, -1):
         for c in range(C):
             for s in range(n):
-                for g in range(len(kDk)):
-                    gain[c, i, g] -= K[i, s, g] * R[c, s, g]
-            turn(back[0, :n], back[1, :n], pair[:n], R[c])
+                for g in range(lanes):
+                    gain[c, i, g] -= K[i, s, g] * R[s, c, g]
+        turn(of_columns, few, all_R)
+        for c in range(C):
             for s in range(n):
-                for g in range(len(kDk)):
-                    R[c, s, g] += h[s] * gain[c, i, g]
+                for g in range(lanes):
+                    R[s, c, g] += h[s] * gain[c, i, g]
         # D = h h' / f + L' D L with L = Phi - K h', of the shift 1 and 0
-        kD[:] = 0.0
         for t in range(n + 1):
+            for g in range(lanes):
+                kD[t, g] = 0.0
             for s in range(n):
                 high, low = max(s, t), min(s, t)
-                for g in range(len(kDk)):
+                for g in range(lanes):
                     kD[t, g] += D[high, low, g] * K[i, s, g]
-        for g in range(len(kDk)):
+        for g in range(lanes):
             kDk[g] = weight[i, g]
-            for s in range(n):
+        for s in range(n):
+            for g in range(lanes):
                 kDk[g] += K[i, s, g] * kD[s, g]
-        turn(back[0], back[1], pair, kD)
-        turn_covariance(back[0], back[1], pair, D)
+        turn(back, pair, kD)
+        turn_covariance(back, pair, D)
         for s in range(n + 1):
             for t in range(s + 1):
-                for g in range(len(kDk)):
+                for g in range(lanes):
                     D[s, t, g] += (h[s] * h[t] * kDk[g] - h[t] * kD[s, g]
                                    - h[s] * kD[t, g])
-        for g in range(len(kDk)):
+        for g in range(lanes):
             steps[i, g] = D[n, n, g]
 
 

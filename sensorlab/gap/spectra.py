@@ -67,7 +67,7 @@ class Spectrum(NamedTuple):
 
 def residual_spectrum(h, scene, signatures, theta):
     """`Spectrum` of a member at theta (p,)."""
-    z = predict(h, scene, signatures, theta[None]).z[0, 0]
+    z = predict(h, scene, signatures, theta[None], whole=False).z[0, 0]
     z = z[:prev_fast_len(len(z))]
     inside = slice(1, (len(z) + 1) // 2)    # both ends have one degree of freedom only
     frequency = np.fft.rfftfreq(len(z), scene.dt)[inside]
@@ -195,24 +195,31 @@ def _gain_bands(first, last, power, density, count, shape, middles, variance, ga
     all else free; each part of the spectrum stands for `count` frequencies.
     """
     F, reach = len(power), len(shape) - 1
-    less, log_ratio, product = np.empty((3, len(variance)))
+    lanes = -(-len(variance) // 8) * 8    # a multiple is vectorised as a whole
+    less, log_ratio, product, added = (np.empty(lanes), np.empty(lanes),
+                                       np.empty(lanes), np.zeros(lanes))
+    for v in range(len(variance)):
+        added[v] = variance[v]
     most = np.log10(1.0 + variance.max() * shape.max() / density.min())
     together = max(int(min(300.0 / most, 64.0)), 1)    # ratios of one logarithm
     for j in range(first, last):
         at = middles[j]
         for v in range(len(less)):
             less[v], log_ratio[v], product[v] = 0.0, 0.0, 1.0
-        for k in range(max(at - reach, 0), min(at + reach + 1, F)):
+        begin, end = max(at - reach, 0), min(at + reach + 1, F)
+        turn = begin % together    # counted: a remainder takes as long as all else
+        for k in range(begin, end):
             share = shape[abs(k - at)] / density[k]
             for v in range(len(less)):
-                ratio = 1.0 + variance[v] * share
+                ratio = 1.0 + added[v] * share
                 less[v] += power[k] * (1.0 - 1.0 / ratio)
                 product[v] *= ratio
-            if k % together == 0:
+            if turn == 0:
                 for v in range(len(less)):
                     log_ratio[v] += np.log(product[v])
                     product[v] = 1.0
-        for v in range(len(less)):
+            turn = turn + 1 if turn + 1 < together else 0
+        for v in range(len(variance)):
             gain[j, v] = -count * (
                 F * np.log(1.0 - less[v] / F) + log_ratio[v] + np.log(product[v]))
 
