@@ -948,6 +948,9 @@ def _nodes_abreast(y, node, ak, w, c, state):
             state[g] = node[0, g] * state[g] + ak[i, g] * nu
             state[g + GROUP] += nu * w[i, g] * nu
             state[g + 2 * GROUP] += nu * c[i, g]
+    for g in range(GROUP):
+        if abs(state[g]) < DUST:
+            state[g] = 0.0
 
 
 @njit(**JIT)
@@ -969,6 +972,9 @@ def _steady_abreast(y, a, ak, state):
             state[g] = a[g] * x + ak[g] * nu3
             state[g + GROUP] += nu0 * nu0 + nu1 * nu1 + nu2 * nu2 + nu3 * nu3
             state[g + 2 * GROUP] += nu0 + nu1 + nu2 + nu3
+    for g in range(GROUP):
+        if abs(state[g]) < DUST:
+            state[g] = 0.0
 
 
 @njit(nogil=True, **JIT)

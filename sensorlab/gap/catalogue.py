@@ -475,8 +475,8 @@ CATALOGUE = {effect.name: effect for effect in (
                _onset(s), _log("duration", MIN_RINGING * s.dt, s.duration / 8.0),
                Parameter("frequency", MIN_CYCLES / s.duration, 0.5 / s.dt)),
            equation="y + amplitude exp(-3 s) sin(2 pi frequency (t - onset) + phase), "
-                    "s = (t - onset) / duration > 0; onset, duration in s, frequency in "
-                    "Hz, amplitude in u",
+                    "s = (t - onset) / duration > 0; onset and duration in s, "
+                    "frequency in Hz, amplitude in u",
            resembles="narrow-band noise, pulse, outliers",
            experiment="knock at the mount: it rings at the same frequency"),
     Effect("second_order_drift", columns=_parabola, size="curvature",
