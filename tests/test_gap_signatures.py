@@ -20,7 +20,7 @@ def test_gain_of_a_sinusoid_is_that_of_least_squares():
     h = member(scene, MODEL[1])
     solved = filters.solve(h, scene, (), theta)
     lines = signatures.Family(CATALOGUE["sinusoid"], "")
-    found = scans.SCANS["frequency"](scene, lines, solved)
+    (found,) = scans.SCANS["frequency"](scene, lines, solved)
     psi, _ = found.of(np.arange(len(found.gain)))
     inverse = np.linalg.inv(dense(theta[0], 400))
     slow = round(scans.EXACT_CYCLES * scans.PADDING)
@@ -48,7 +48,7 @@ def test_no_pulse_gains_more_than_by_least_squares(effect, variants):
     h = member(scene, MODEL[1])
     solved = filters.solve(h, scene, (), theta)
     family = signatures.Family(CATALOGUE[effect], "")
-    found, tried = scans.SCANS["pulse"](scene, family, solved), onsets._spans(
+    (found,), tried = scans.SCANS["pulse"](scene, family, solved), onsets._spans(
         scene, family, solved)
     number, information = tried.numbers(solved.residual[0]), np.repeat(
         tried.J, tried.count)
@@ -68,16 +68,17 @@ def test_gain_of_a_ringing_is_about_that_of_least_squares():
     y = sensorid.simulate(MODEL[1:], DT, 400, seed=4).error[0]
     scene, theta = Scene(y, DT, {}), np.array([[300.0, 0.9, 0.4]])
     solved = filters.solve(member(scene, MODEL[1]), scene, (), theta)
-    scan = scans.SCANS["ringing"](scene, signatures.Family(
-        CATALOGUE["ringing"], ""), solved)
-    some = np.random.default_rng(0).integers(0, len(scan.gain), 200)
     inverse, ratio = np.linalg.inv(dense(theta[0], 400)), []
-    for i, (onset, duration, frequency) in zip(some, scan.of(some)[0]):
-        t = np.maximum(scene.time - onset, 0.0)
-        phase, decay = 2.0 * np.pi * frequency * t, np.exp(-3.0 * t / duration)
-        s = (scene.time >= onset) * decay * [np.cos(phase), np.sin(phase)]
-        b = s @ inverse @ y
-        ratio.append(scan.gain[i] / (b @ np.linalg.solve(s @ inverse @ s.T, b)))
+    rng = np.random.default_rng(0)
+    for part in scans.SCANS["ringing"](scene, signatures.Family(
+            CATALOGUE["ringing"], ""), solved):
+        some = rng.integers(0, len(part.gain), 60)
+        for i, (onset, duration, frequency) in zip(some, part.of(some)[0]):
+            t = np.maximum(scene.time - onset, 0.0)
+            phase, decay = 2.0 * np.pi * frequency * t, np.exp(-3.0 * t / duration)
+            s = (scene.time >= onset) * decay * [np.cos(phase), np.sin(phase)]
+            b = s @ inverse @ y
+            ratio.append(part.gain[i] / (b @ np.linalg.solve(s @ inverse @ s.T, b)))
     # the phase at the onset matters a little, which the spectrum does not know
     assert_allclose(np.median(ratio), 1.0, atol=0.05)
     assert np.quantile(ratio, 0.05) > 0.7 and np.quantile(ratio, 0.95) < 1.4
@@ -97,16 +98,17 @@ def test_what_matters_is_exact_at_every_node(effect):
     solved, table = filters.solve(h, scene, (), theta), signatures.bayes_table()
     family = signatures.Family(CATALOGUE[effect], "")
     best = int(solved.base.argmax())
-    scan = scans.SCANS[family.effect.search](scene, family, solved.node(best))
-    psi, variant = scan.of(np.flatnonzero(scan.gain > scan.gain.max() - 25.0))
-    share = np.broadcast_to(scan.log_share, scan.gain.shape)[
-        scan.gain > scan.gain.max() - 25.0]
-    gain = np.hstack([signatures.scores_at(
-        scene, family._replace(variant=name), solved, [one]).gain
-        for one, name in zip(psi.tolist(), variant.tolist())]) + 2.0 * share
+    parts = list(scans.SCANS[family.effect.search](scene, family, solved.node(best)))
+    top, gain = max(part.gain.max() for part in parts), []
+    for part in parts:
+        likely = np.flatnonzero(part.gain > top - 25.0)
+        share = np.broadcast_to(part.log_share, part.gain.shape)[likely]
+        for one, name, less in zip(*part.of(likely), share):
+            gain.append(2.0 * less + signatures.scores_at(
+                scene, family._replace(variant=name), solved, [one.tolist()]).gain)
     # of all that is within e^-12 of the best, and nothing else
-    exact = signatures.mean_bayes(np.maximum(gain, 0.0), table[scan.k]) + np.log(
-        gain.shape[1] / len(scan.gain))
+    exact = signatures.mean_bayes(np.maximum(np.hstack(gain), 0.0), table[
+        part.k]) + np.log(len(gain) / sum(len(part.gain) for part in parts))
     assert exact.min() > 8.0 and np.ptp(exact) > 0.3
     assert_allclose(scans.family_bayes(scene, family, solved, table), exact, atol=0.15)
 
@@ -120,7 +122,7 @@ def test_a_pulse_on_a_walk_is_found_between_its_edges():
     scene, theta = Scene(y, 1.0, {}), np.array([[0.05, 0.5]])
     solved = filters.solve(member(scene, model[0]), scene, (), theta)
     family = signatures.Family(CATALOGUE["pulse"], "")
-    found = scans.SCANS["pulse"](scene, family, solved)
+    (found,) = scans.SCANS["pulse"](scene, family, solved)
     best = found.gain.argmax()
     ((onset, n),), _ = found.of(np.array([best]))
     onset, n = int(onset), int(n)

@@ -25,7 +25,7 @@ def step_scores(scene, solved):
 
 
 def step_scan(scene, family, one):
-    return Scan(step_scores(scene, one).gain[0], 1, lambda number: (
+    yield Scan(step_scores(scene, one).gain[0], 1, lambda number: (
         scene.time[1 + number], np.full(len(number), "")))
 
 
@@ -214,7 +214,7 @@ def span_scan(scene, family, one):
         late = number >= count
         variant[late], spans[late] = RECTANGULAR, edges[number[late] - count]
         return scene.dt * spans, variant
-    return Scan(gain, 1, of, log_share)
+    yield Scan(gain, 1, of, log_share)
 
 
 @njit(**KERNEL)
@@ -265,10 +265,11 @@ def _log_share(residual, onset, n, J):
 RESOLVED = 9.0    # pulses that have the mass of a grid which is fine enough
 
 
-def resolved(scene, family, one, onset, n):
-    """The family about a pulse of n samples, its ends ever closer until the grid
-    resolves what is known of them.
+def resolved_span(scene, family, one, onset, duration):
+    """The family about a pulse, its ends ever closer until the grid resolves what is
+    known of them.
     """
+    onset, n = round(onset / scene.dt), round(duration / scene.dt)
     apart = (DURATION_STEP - 1.0) * n / 6.0
     while True:
         ends = np.unique(np.round(apart * np.arange(-6, 7)).astype(int))

@@ -1,10 +1,9 @@
 """Scans: scores of thousands of signatures by one backward pass, each kind in its way:
 what begins at some time (`onsets`), sinusoids at every frequency.
 
-A scan of a long record has millions of gains: it is of one node alone.
+A scan of a long record has millions of gains: it is of one node alone, and comes in
+parts where there is no room for all at a time.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,7 +13,7 @@ from scipy.fft import next_fast_len
 from sensorlab.gap.catalogue import DECAYS, MIN_CYCLES, MIN_RINGING
 from sensorlab.gap.effects import BLOCK, LONG_RECORD
 from sensorlab.gap.kernels import KERNEL, spectrum
-from sensorlab.gap.onsets import resolved, span_scan, step_scan, step_scores
+from sensorlab.gap.onsets import resolved_span, span_scan, step_scan, step_scores
 from sensorlab.gap.signatures import (
     Scan, blocks, information, least_squares, mean_bayes, scores_at)
 
@@ -69,8 +68,8 @@ def _frequency_scan(scene, family, one):
     for share, own in one.spectra:
         _line_information(turn, share[0] * count, own.a, own.q, own.r, spectral)
     gain /= spectral
-    return Scan(np.append(below.gain, gain), 2, lambda number: (
-        frequency[number], np.full(len(number), "")))
+    yield Scan(np.append(below.gain, gain), 2, lambda number: (
+        frequency[number], _of_one(number)))
 
 
 def _interpolated(x, at, value):
@@ -88,22 +87,25 @@ MIN_PERIODS = 2     # in a duration: with fewer it is a pulse
 LONGEST = 2000      # samples of a ringing: longer it is a vibration
 
 
-class _Rings(NamedTuple):
-    """Decaying waves of one duration at one node."""
-
-    duration: int            # samples
-    every: int               # samples from one onset to the next, from the second on
-    frequency: np.ndarray    # (F,) Hz
-    gain: np.ndarray         # (onsets, F)
+def _ringing_scan(scene, family, one):
+    """Decaying waves at every onset, of every duration and frequency: spectra of the
+    residual behind an onset, weighted as they decay.
+    """
+    longest = min(len(scene.y) // 8, LONGEST)
+    lengths = np.exp(np.arange(np.log(min(MIN_RINGING, longest)), np.log(longest + 1.0),
+                               np.log(RING_STEP))).astype(int)
+    for n in np.unique(lengths).tolist():
+        yield from _rings(scene, one, n)
 
 
 def _rings(scene, one, n):
-    """`_Rings` of n samples: spectra of the residual behind an onset, weighted as they
-    decay. All that a wave holds of other frequencies counts, too: it begins at once.
+    """`Scan` after scan of decaying waves of n samples. All that a wave holds of other
+    frequencies counts, too: it begins at once.
     """
     L, every = next_fast_len(2 * n, real=True), max(n // RING_PARTS, 1)
     decay, inverse = np.exp(-DECAYS / n * np.arange(L)), np.zeros((1, L))
     keep = slice(-(-MIN_PERIODS * L // n), (L - 1) // 2)
+    frequency = np.fft.rfftfreq(L, scene.dt)[keep]
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(L) / L)
     turn[0] = 0.01 * turn[1]    # at rest a walk has infinite power
     for share, own in one.spectra:
@@ -112,35 +114,25 @@ def _rings(scene, one, n):
                                * np.fft.rfft(inverse[0]), L)[keep]
     behind = sliding_window_view(np.append(one.residual[0, 1:], np.zeros(L)), L)[
         :len(scene.y) - n - 1:every]
-    gain, rows = np.empty((len(behind), len(J))), max(BLOCK // L, 1)
-    for own in (slice(k, k + rows) for k in range(0, len(behind), rows)):
-        line = np.fft.rfft(behind[own] * decay)[:, keep]
-        gain[own] = (line.real**2 + line.imag**2) / J
-    return _Rings(n, every, np.fft.rfftfreq(L, scene.dt)[keep], gain)
+    rows = max(BLOCK // L, 1)
+    for first in range(0, len(behind), rows):
+        line = np.fft.rfft(behind[first:first + rows] * decay)[:, keep]
+
+        def of(number, first=first):
+            onset, at = np.divmod(number, len(frequency))
+            return np.column_stack([
+                scene.dt * (1 + (first + onset) * every), np.full(
+                    len(number), scene.dt * n), frequency[at]]), _of_one(number)
+        yield Scan(((line.real**2 + line.imag**2) / J).ravel(), 2, of)
 
 
-def _ringing_scan(scene, family, one):
-    """Decaying waves at every onset, of every duration and frequency."""
-    longest = min(len(scene.y) // 8, LONGEST)
-    lengths = np.exp(np.arange(np.log(min(MIN_RINGING, longest)), np.log(longest + 1.0),
-                               np.log(RING_STEP))).astype(int)
-    parts = [_rings(scene, one, n) for n in np.unique(lengths).tolist()]
-    ends = np.cumsum([0, *(part.gain.size for part in parts)])
-
-    def of(number):
-        psi = np.empty((len(number), 3))
-        for begin, end, part in zip(ends, ends[1:], parts):
-            own = (number >= begin) & (number < end)
-            onset, line = np.divmod(number[own] - begin, len(part.frequency))
-            psi[own, 0] = scene.dt * (1 + onset * part.every)
-            psi[own, 1], psi[own, 2] = scene.dt * part.duration, part.frequency[line]
-        return psi, np.full(len(number), "")
-    return Scan(np.concatenate([part.gain.ravel() for part in parts]), 2, of)
+def _of_one(number):
+    """Names of variants (n,) where there is one."""
+    return np.full(len(number), "")
 
 
-def _resolved_ringing(scene, family, one, psi):
+def _resolved_ringing(scene, family, one, onset, duration, frequency):
     """The family about a decaying wave, ever finer."""
-    onset, duration, frequency = psi
     apart = np.array([duration / RING_PARTS, RING_STEP, 0.5 / duration])
     for _ in range(2):
         family = family._replace(psi=tuple(
@@ -156,6 +148,7 @@ def _resolved_ringing(scene, family, one, psi):
 
 SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
              ringing=_ringing_scan)
+RESOLVED = dict(pulse=resolved_span, ringing=_resolved_ringing)
 LIKELY = 16    # signatures whose gains are exact at every node
 
 
@@ -169,19 +162,37 @@ def family_bayes(scene, family, solved, table):
         found = scores_at(scene, family, solved)
         return mean_bayes(found.gain, table[found.k])
     best = int(solved.base.argmax())
-    gain, k, of, log_share = SCANS[family.effect.search](
-        scene, family, solved.node(best))
-    likely = np.sort(np.argpartition(-gain, min(LIKELY, len(gain) - 1))[:LIKELY])
-    exact, (psi, variant) = np.empty((len(solved.base), len(likely))), of(likely)
+    found, rest, count = [], [], 0
+    for part in SCANS[family.effect.search](scene, family, solved.node(best)):
+        likely, share = _largest(part.gain), np.broadcast_to(
+            part.log_share, part.gain.shape)
+        found.append((part.gain[likely], share[likely], *part.of(likely)))
+        rest.append(_log_sum(np.delete(part.gain, likely)[None], table[part.k]))
+        count += len(part.gain)
+    gain, share, psi, variant = map(np.concatenate, zip(*found))
+    likely = _largest(gain)
+    rest.append(_log_sum(np.delete(gain, likely)[None], table[part.k]))
+    exact, psi, variant = np.empty((len(solved.base), len(likely))), psi[likely], (
+        variant[likely])
     for name in np.unique(variant):
         exact[:, variant == name] = scores_at(
             scene, family._replace(variant=str(name)), solved,
             psi[variant == name].tolist()).gain
-    exact += 2.0 * np.broadcast_to(log_share, gain.shape)[likely]
-    exact = np.maximum(exact, 0.0)
-    gain[likely] = exact[best]
-    of_likely = mean_bayes(exact, table[k])
-    return mean_bayes(gain[None], table[k]) + of_likely - of_likely[best]
+    worth = _log_sum(np.maximum(exact + 2.0 * share[likely], 0.0), table[part.k])
+    return np.logaddexp.reduce([worth[best], *np.concatenate(rest)]) - np.log(count) + (
+        worth - worth[best])
+
+
+def _largest(gain):
+    """Numbers of the LIKELY largest gains."""
+    return np.sort(np.argpartition(-gain, min(LIKELY, len(gain) - 1))[:LIKELY])
+
+
+def _log_sum(gain, table):
+    """ln of the sum of the Bayes factors of gains (M, m), (M,)."""
+    if not gain.shape[1]:
+        return np.full(len(gain), -np.inf)
+    return mean_bayes(gain, table) + np.log(gain.shape[1])
 
 
 def scores(scene, family, solved):
@@ -200,14 +211,12 @@ def refined(scene, family, one):
     """The family again, finer where a coarse search at one node found mass."""
     effect = family.effect
     if effect.search:
-        scan = SCANS[effect.search](scene, family, one)
+        scan = max(SCANS[effect.search](scene, family, one),
+                   key=lambda part: part.gain.max())
         gain = scan.gain
-        if effect.search == "pulse":
+        if effect.search in RESOLVED:
             (psi,), _ = scan.of(gain.argmax(keepdims=True))
-            return resolved(scene, family, one, *np.round(psi / scene.dt).astype(int))
-        if effect.search == "ringing":
-            (psi,), _ = scan.of(gain.argmax(keepdims=True))
-            return _resolved_ringing(scene, family, one, psi)
+            return RESOLVED[effect.search](scene, family, one, *psi)
         psi, _ = scan.of(np.arange(len(gain)))
     else:
         found = scores_at(scene, family, one)
