@@ -48,20 +48,20 @@ def test_no_pulse_gains_more_than_by_least_squares(effect, variants):
     h = member(scene, MODEL[1])
     solved = filters.solve(h, scene, (), theta)
     family = signatures.Family(CATALOGUE[effect], "")
-    (found,), tried = scans.SCANS["pulse"](scene, family, solved), onsets._spans(
-        scene, family, solved)
-    number, information = tried.numbers(solved.residual[0]), np.repeat(
-        tried.J, tried.count)
     inverse = np.linalg.inv(dense(theta[0], 400))
-    some = np.random.default_rng(0).integers(0, len(number), 60)
-    for i, (onset, duration), variant in zip(some, *found.of(some)):
-        s = shape_of(variant, scene.time - onset, duration)
-        b, J = s @ inverse @ y, s @ inverse @ s
-        # long curves are held against sums, of a score of one standard deviation
-        assert_allclose(number[i], b, atol=0.05 * J**0.5)
-        assert found.gain[i]**0.5 < 1.05 * abs(b) / J**0.5 + 0.05
-        assert information[i] < 3.0 * J
-    assert set(tried.variant) == set(variants)
+    rng, seen = np.random.default_rng(0), set()
+    for found in scans.SCANS["pulse"](scene, family, solved):
+        some = rng.integers(0, len(found.gain), 12)
+        for i, (onset, duration), variant in zip(some, *found.of(some)):
+            s = shape_of(variant, scene.time - onset, duration)
+            b, J = s @ inverse @ y, s @ inverse @ s
+            score = abs(b) / J**0.5
+            # long curves are held against sums, which is of a twentieth of a standard
+            # deviation; the information may be that of a neighbour with more
+            low = 0.0 if np.any(found.log_share) else score / 3.0**0.5 - 0.05
+            assert low <= found.gain[i]**0.5 < 1.05 * score + 0.05
+            seen.add(variant)
+    assert seen == set(variants)
 
 
 def test_gain_of_a_ringing_is_about_that_of_least_squares():
@@ -122,7 +122,7 @@ def test_a_pulse_on_a_walk_is_found_between_its_edges():
     scene, theta = Scene(y, 1.0, {}), np.array([[0.05, 0.5]])
     solved = filters.solve(member(scene, model[0]), scene, (), theta)
     family = signatures.Family(CATALOGUE["pulse"], "")
-    (found,) = scans.SCANS["pulse"](scene, family, solved)
+    *_, found = scans.SCANS["pulse"](scene, family, solved)    # between edges
     best = found.gain.argmax()
     ((onset, n),), _ = found.of(np.array([best]))
     onset, n = int(onset), int(n)

@@ -80,6 +80,7 @@ SHAPES = {    # by variant: those of `pulse`, and that of `gradual_step`
     "half sine": _Shape(_arc, MIN_SHAPED, ends=True, mounts=True),
     "decaying": _Shape(_decay, MIN_SHAPED, mounts=True, falls=True),
     "": _Shape(_decay, MIN_SLOW, mounts=True)}
+PULSES = [name for name in SHAPES if name]
 
 DURATION_STEP = 1.6    # ratio of one duration to the next
 PARTS = 4              # of its duration, by which onsets are apart
@@ -90,79 +91,11 @@ APART = 3              # durations, from one whose information is exact to the n
 EDGES = 12             # onsets of steps that may be edges of a pulse
 
 
-class _Spans(NamedTuple):
-    """Shapes of S kinds and durations, each at every onset that is tried."""
-
-    variant: np.ndarray    # (S,) names
-    length: np.ndarray     # (S, 4) samples that are summed before, such sums in a
-                           # duration, such sums from one onset to the next; onsets
-    law: np.ndarray        # (S, 3) w, rho, and rho^n, or 0 if it does not end
-    count: np.ndarray      # onsets of which the information is taken to be the same
-    J: np.ndarray          # (len(count),) that
-
-    @property
-    def ends(self):
-        """Numbers (S + 1,) of the first onset of each, among all, and of all."""
-        return np.append(0, np.cumsum(self.length[:, 3]))
-
-    def numbers(self, residual):
-        """Sums of all shapes times a residual (N,)."""
-        result, rows, at = np.empty(self.ends[-1]), residual[1:], 0
-        left = rows[::-1].cumsum()[::-1]    # a sum is held against the sum of what is
-        sums = [_summed(x, self.length[:, 0].max()) for x in (rows, left[1:])]    # left
-        for variant, (by, n, every, count), law in zip(
-                self.variant, self.length.tolist(), self.law):
-            shape, own = SHAPES[variant], result[at:at + count]
-            _sums_over(sums[shape.mounts][by], n, every, *law, own)
-            if shape.falls:
-                np.subtract(left[:1 + (count - 1) * every * by:every * by], own, own)
-            at += count
-        return result
-
-    def kind(self, number):
-        """Which of the S some of all that are tried are."""
-        return np.searchsorted(self.ends, number, "right") - 1
-
-    def spans(self, number, kind):
-        """First sample and samples (m, 2) of some of all that are tried."""
-        by, n, every, _ = self.length[kind].T
-        return np.column_stack([1 + (number - self.ends[kind]) * every * by, n * by])
-
-
-def _spans(scene, family, one):
-    """`_Spans` of all shapes of a family."""
-    variants, lengths, laws, counts, informations = [], [], [], [], []
-    for variant, _ in family.effect.columns(scene, None, (scene.dt, scene.duration)):
-        shape = SHAPES[variant]
-        for n, knots, J in _known(scene, family._replace(variant=variant), one):
-            by = _fineness(n)
-            every = max(n // by // PARTS, 1)
-            count = ((len(scene.y) - 1) // by - n // by) // every + 1
-            w, rho = map(complex, shape.law(n))
-            mean = 1.0 if rho == 1.0 else (1.0 - rho**by) / (1.0 - rho) / by
-            variants.append(variant)
-            lengths.append((by, n // by, every, count))
-            laws.append((w * mean, rho**by, rho**n * shape.ends))
-            counts.append(np.diff([0, *(knots[1:-1] - 1) // (every * by), count]))
-            informations.append(np.maximum(J[1:], J[:-1]))
-    return _Spans(np.array(variants), np.array(lengths), np.array(laws),
-                  np.concatenate(counts), np.concatenate(informations))
-
-
 def _fineness(n):
     """How many samples are summed before a shape of n samples is held against them: of
     a curve, its slope is what is a little coarse.
     """
     return 2**max(int(np.log2(n / FINE)), 0)
-
-
-def _summed(rows, most):
-    """Sums of rows (N,) by 1, 2, 4 ... `most` samples."""
-    result, by = {1: rows}, 1
-    while by < most:
-        rows, by = rows[:-1:2] + rows[1::2], 2 * by
-        result[by] = rows
-    return result
 
 
 def _known(scene, family, one):
@@ -190,31 +123,48 @@ def _known(scene, family, one):
 def span_scan(scene, family, one):
     """Pulses, or slow steps, of any duration, which begin a fourth of it apart at most,
     and rectangular pulses between two likely edges, which a walk shows to a few
-    samples.
-
-    Between two knots their information is taken to be the larger of both, so that no
-    gain is too large.
+    samples; `Scan` after scan, one of each duration.
     """
-    tried = _spans(scene, family, one)
-    gain, count = tried.numbers(one.residual[0]), tried.ends[-1]
+    residual = one.residual[0, 1:]
+    left = residual[::-1].cumsum()[::-1]
+    # a sum of the past is held against the sum of what is left
+    sums = {(False, 1): residual, (True, 1): left[1:]}
+    for variant, _ in family.effect.columns(scene, None, (scene.dt, scene.duration)):
+        shape = SHAPES[variant]
+        for n, knots, J in _known(scene, family._replace(variant=variant), one):
+            by = _fineness(n)
+            for half in (2**k for k in range(int(np.log2(by)))):
+                if (shape.mounts, 2 * half) not in sums:
+                    rows = sums[shape.mounts, half]
+                    sums[shape.mounts, 2 * half] = rows[:-1:2] + rows[1::2]
+            yield _span(scene.dt, variant, n, knots, J, sums[shape.mounts, by], left)
+    if variant in PULSES:
+        yield from _between_edges(scene, family._replace(variant=RECTANGULAR), one)
+
+
+def _span(dt, variant, n, knots, J, rows, left):
+    """`Scan` of a shape of n samples against sums `rows` of as many samples as its
+    fineness, and the sums (N,) of all that is `left`.
+
+    Between two knots the information is taken to be the larger of both, so that no gain
+    is too large.
+    """
+    shape, by = SHAPES[variant], _fineness(n)
+    every = max(n // by // PARTS, 1)
+    gain = np.empty((len(left) // by - n // by) // every + 1)
+    w, rho = map(complex, shape.law(n))
+    mean = 1.0 if rho == 1.0 else (1.0 - rho**by) / (1.0 - rho) / by
+    _sums_over(rows, n // by, every, w * mean, rho**by, rho**n * shape.ends, gain)
+    if shape.falls:
+        np.subtract(left[:1 + (len(gain) - 1) * every * by:every * by], gain, gain)
     gain *= gain
-    gain /= np.repeat(tried.J, tried.count)
-    between = _between_edges(scene, one) if RECTANGULAR in tried.variant else []
-    log_share, edges = np.zeros(count + len(between)), np.reshape(between, (-1, 2))
-    if between:
-        exact = scores_at(scene, family._replace(variant=RECTANGULAR), one,
-                          (scene.dt * edges).tolist())
-        log_share[count:] = [_log_share(one.residual[0], *pulse, sd**-2)
-                             for pulse, sd in zip(between, exact.sd[0])]
-        gain = np.append(gain, np.maximum(exact.gain[0] + 2.0 * log_share[count:], 0.0))
+    gain /= np.repeat(np.maximum(J[1:], J[:-1]), np.diff(
+        [0, *(knots[1:-1] - 1) // (every * by), len(gain)]))
 
     def of(number):
-        kind = tried.kind(np.minimum(number, count - 1))
-        variant, spans = tried.variant[kind], tried.spans(number, kind)
-        late = number >= count
-        variant[late], spans[late] = RECTANGULAR, edges[number[late] - count]
-        return scene.dt * spans, variant
-    yield Scan(gain, 1, of, log_share)
+        return dt * np.column_stack([1 + number * every * by, np.full(
+            len(number), n)]), np.full(len(number), variant)
+    return Scan(gain, 1, of)
 
 
 @njit(**KERNEL)
@@ -233,15 +183,22 @@ def _sums_over(x, n, every, w, rho, last, result):
         result[k] = (w * total).real
 
 
-def _between_edges(scene, one):
-    """(first sample, samples) of pulses between the likeliest onsets of steps of
+def _between_edges(scene, family, one):
+    """`Scan`, if there are any, of pulses between the likeliest onsets of steps of
     opposite sign.
     """
     steps = step_scores(scene, one)
     size, (peaks, how) = steps.size[0], find_peaks(steps.gain[0], prominence=1.0)
     peaks = np.sort(peaks[np.argsort(-how["prominences"])[:EDGES]])
-    return [(i + 1, j - i) for i, j in itertools.combinations(peaks.tolist(), 2)
-            if size[i] * size[j] < 0.0 and MIN_PULSE <= j - i <= len(scene.y) // 2]
+    spans = np.array([(i + 1, j - i) for i, j in itertools.combinations(
+        peaks.tolist(), 2) if size[i] * size[j] < 0.0
+        and MIN_PULSE <= j - i <= len(scene.y) // 2])
+    if len(spans):
+        found = scores_at(scene, family, one, (scene.dt * spans).tolist())
+        share = np.array([_log_share(one.residual[0], *pulse, sd**-2)
+                          for pulse, sd in zip(spans.tolist(), found.sd[0])])
+        yield Scan(np.maximum(found.gain[0] + 2.0 * share, 0.0), 1, lambda number: (
+            scene.dt * spans[number], np.full(len(number), RECTANGULAR)), share)
 
 
 def _log_share(residual, onset, n, J):
