@@ -17,6 +17,8 @@ MAX_EFFECTS = 6         # beside readings
 MAX_DOUBTFUL = 2        # one after another that may stand in for something unknown
 MAX_LOOKS = 8           # with what the simulator's own records show, too
 MAX_EXCHANGES = 2
+EXPLAINED = 0.01        # p-value of what is left, below which no set is the right one and
+                        # their evidence does not tell which is nearest
 MAX_ASKED = 3           # effects that may be exchanged: those that are needed least
 LOOK_ON = 0.2           # p-value from which on no second process is looked for
 
@@ -44,8 +46,8 @@ def search(full, start, readings, effects, before, glanced, shared):
     described, but nothing that is missing.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
-    added, doubtful, leaves, after, left, lesser = 0, 0, {}, before, 0.0, {}
-    exchanges = 0
+    added, doubtful, exchanges, left = 0, 0, 0, 0.0
+    leaves, after, lesser = {}, before, {}
     if path.found:
         after = glanced(acc)
     for _ in range(0 if any(r.opaque for r in start.readings) else MAX_LOOKS):
@@ -58,9 +60,11 @@ def search(full, start, readings, effects, before, glanced, shared):
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])
         if look.account is None:
-            path, leaves, better = _exchanged(full, acc, path, leaves, lesser, effects,
-                                              shared)
-            if better is None or exchanges == MAX_EXCHANGES:
+            better = None
+            if exchanges < MAX_EXCHANGES and after.p_value > EXPLAINED:
+                path, leaves, better = _exchanged(full, acc, path, leaves, lesser,
+                                                  effects, shared)
+            if better is None:
                 return Search(acc, lesser, path, leaves, after, left)
             acc, lesser, exchanges = better, {}, exchanges + 1
             after = glanced(acc, after)
