@@ -17,8 +17,8 @@ MAX_EFFECTS = 6         # beside readings
 MAX_DOUBTFUL = 2        # one after another that may stand in for something unknown
 MAX_LOOKS = 8           # with what the simulator's own records show, too
 MAX_EXCHANGES = 2
-EXPLAINED = 0.01        # p-value of what is left, below which no set is the right one and
-                        # their evidence does not tell which is nearest
+EXPLAINED = 0.01        # p-value of what is left, below which no set is the right one
+                        # and their evidence does not tell which is nearest
 MAX_ASKED = 3           # effects that may be exchanged: those that are needed least
 LOOK_ON = 0.2           # p-value from which on no second process is looked for
 
