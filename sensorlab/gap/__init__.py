@@ -18,6 +18,7 @@ Notation
     found        an effect with its column, its variant and its values
     signature    the columns of a found effect, with the prior of their size
     family       one effect on one column: signatures at many values of psi
+    scan         gains of a family's thousands of signatures at one node
     psi          what a signature depends on besides its size: onset, frequency, tau
     variant      one of several forms of an effect: the square or the modulus of a rate
     reading      what the values of a record show by themselves: a lattice, a limit

@@ -474,7 +474,7 @@ CATALOGUE = {effect.name: effect for effect in (
            parameters=lambda s: (
                _onset(s), _log("duration", MIN_RINGING * s.dt, s.duration / 8.0),
                Parameter("frequency", MIN_CYCLES / s.duration, 0.5 / s.dt)),
-           equation="y + amplitude exp(-3 s) sin(2 pi frequency (t - onset) + phase), "
+           equation="y + amplitude exp(-3 s) cos(2 pi frequency (t - onset) + phase), "
                     "s = (t - onset) / duration > 0; onset and duration in s, "
                     "frequency in Hz, amplitude in u",
            resembles="narrow-band noise, pulse, outliers",
@@ -493,7 +493,7 @@ CATALOGUE = {effect.name: effect for effect in (
     Effect("sinusoid", columns=_cosine_and_sine, search="frequency", size="amplitude",
            parameters=lambda s: (Parameter("frequency", MIN_CYCLES / s.duration,
                                            0.5 / s.dt),),
-           equation="y + amplitude sin(2 pi frequency t + phase); frequency in Hz, "
+           equation="y + amplitude cos(2 pi frequency t + phase); frequency in Hz, "
                     "amplitude in u",
            resembles="correlated noise of long period",
            experiment="damp vibration; an alias moves with the sampling rate"),
