@@ -113,6 +113,33 @@ def test_what_matters_is_exact_at_every_node(effect):
     assert_allclose(scans.family_bayes(scene, family, solved, table), exact, atol=0.15)
 
 
+@pytest.mark.parametrize("missing", [slice(0, 80), slice(400, 799), slice(260, 540),
+                                     slice(0, None, 2)])
+@pytest.mark.parametrize("effect", ["pulse", "gradual_step", "ringing", "sinusoid"])
+def test_where_nothing_is_seen_there_is_nothing(effect, missing):
+    y = sensorid.simulate(MODEL[1:], DT, 800, seed=5).error[0]
+    y[missing] = np.nan
+    scene = Scene(y, DT, {})
+    h = member(scene, MODEL[1])
+    solved = filters.solve(h, scene, (), account(scene, [h]).sample.nodes(3))
+    told = scans.family_bayes(scene, signatures.Family(CATALOGUE[effect], ""), solved,
+                              signatures.bayes_table())
+    assert np.all(told < 1.5)
+
+
+def test_a_ringing_in_the_quiet_part_of_a_record_gains_no_more_than_it_should():
+    rng, loud = np.random.default_rng(8), np.arange(1000) < 700
+    y = np.cumsum(0.05 * rng.standard_normal(1000)) + np.where(
+        loud, 3.0, 0.5) * rng.standard_normal(1000)
+    scene = Scene(y, DT, {})
+    h = member(scene, MODEL[0], "noise_step")
+    solved = filters.solve(h, scene, (), np.array([[0.05, 3.0, 700.0, 1.0 / 6.0]]))
+    family = signatures.Family(CATALOGUE["ringing"], "")
+    gains = np.concatenate([p.gain for p in scans.SCANS["ringing"](
+        scene, family, solved)])
+    assert gains.max() < 2.0 * np.log(len(gains)) + 10.0
+
+
 def test_a_pulse_on_a_walk_is_found_between_its_edges():
     # edges are known to a few samples: no pulse of a grid has both
     rng = np.random.default_rng(3)

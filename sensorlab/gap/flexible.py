@@ -43,7 +43,9 @@ def stays_needed(effect, without_it, with_it, again=False):
             change and _closed_at_worst(without_it, with_it, ("time",)) < MOST):
         return False
     # the best of as many places as it could be at gains that much by chance
-    searched = np.log(len(with_it.z)) if effect.search not in ("", "spectrum") else 0.0
+    searched = np.log(len(with_it.z)) * (effect.search not in ("", "spectrum"))
+    if effect.columns and searched:    # in as many ways as it has parameters
+        searched *= len(effect.parameters(with_it.ruler.fit.setting.scene))
     return bool(gain.sum() > NEEDED_NATS + searched)
 
 

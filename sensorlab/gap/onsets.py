@@ -13,7 +13,8 @@ from scipy.signal import find_peaks
 from sensorlab.gap.catalogue import DECAYS, MIN_PULSE, MIN_SHAPED, MIN_SLOW
 from sensorlab.gap.evidence import normalized
 from sensorlab.gap.kernels import KERNEL
-from sensorlab.gap.signatures import Scan, Scores, blocks, information, scores_at
+from sensorlab.gap.signatures import (
+    Scan, Scores, blocks, information, scores_at, unnamed)
 
 
 def step_scores(scene, solved):
@@ -26,7 +27,7 @@ def step_scores(scene, solved):
 
 def step_scan(scene, family, one):
     yield Scan(step_scores(scene, one).gain[0], 1, lambda number: (
-        scene.time[1 + number], np.full(len(number), "")))
+        scene.time[1 + number], unnamed(number)))
 
 
 @njit(**KERNEL)
@@ -80,13 +81,12 @@ SHAPES = {    # by variant: those of `pulse`, and that of `gradual_step`
     "half sine": _Shape(_arc, MIN_SHAPED, ends=True, mounts=True),
     "decaying": _Shape(_decay, MIN_SHAPED, mounts=True, falls=True),
     "": _Shape(_decay, MIN_SLOW, mounts=True)}
-PULSES = [name for name in SHAPES if name]
 
 DURATION_STEP = 1.6    # ratio of one duration to the next
 PARTS = 4              # of its duration, by which onsets are apart
 FINE = 16              # parts of a duration, at least: a longer shape is held against
                        # sums of samples
-KNOTS = 0.0, 0.05, 0.5, 0.95    # of all onsets, where information is exact
+KNOTS = np.array([0.0, 0.05, 0.5, 0.95])    # of all onsets, where information is exact
 APART = 3              # durations, from one whose information is exact to the next
 EDGES = 12             # onsets of steps that may be edges of a pulse
 
@@ -103,18 +103,21 @@ def _known(scene, family, one):
     their information (KNOTS,). Between durations at which that is exact, its logarithm
     is a monotone cubic in that of the duration.
     """
-    N = len(scene.y)
+    N, seen = len(scene.y), np.flatnonzero(~np.isnan(scene.y[1:])) + 1
     least = min(SHAPES[family.variant].least, N // 4)
     lengths = np.exp(np.arange(np.log(least), np.log(N / 2.0), np.log(DURATION_STEP)))
     lengths = np.unique([round(n / _fineness(n)) * _fineness(n) for n in lengths])
-    knots = np.round(1 + np.multiply.outer(N - lengths - 2, KNOTS)).astype(int)
+    # of the onsets that are seen: in a gap there is no information
+    count = np.searchsorted(seen, N - lengths)[:, None]
+    knots = seen[np.round(np.maximum(count - 1, 0) * KNOTS).astype(int)]
+    knots = np.minimum(knots, N - lengths[:, None] - 1)
     some = np.unique([*range(0, len(lengths), APART), len(lengths) - 1])
     J = np.concatenate([information(scene, block.columns, one)[0, :, 0, 0]
                         for block in blocks(scene, family, [
                             (i * scene.dt, n * scene.dt)
                             for n, at in zip(lengths[some], knots[some])
                             for i in at])])
-    log_J = np.log(np.maximum(J, 1e-300)).reshape(len(some), len(KNOTS))
+    log_J = np.log(np.maximum(J, 1e-6 * J.max())).reshape(len(some), len(KNOTS))
     if len(some) > 1:
         log_J = PchipInterpolator(np.log(lengths[some]), log_J)(np.log(lengths))
     return zip(lengths.tolist(), knots, np.exp(log_J))
@@ -122,14 +125,19 @@ def _known(scene, family, one):
 
 def span_scan(scene, family, one):
     """Pulses, or slow steps, of any duration, which begin a fourth of it apart at most,
-    and rectangular pulses between two likely edges, which a walk shows to a few
-    samples; `Scan` after scan, one of each duration.
+    and rectangular pulses between two likely edges, which are known to a few samples;
+    `Scan` after scan, one of each duration.
     """
+    variants = [variant for variant, _ in family.effect.columns(
+        scene, None, (scene.dt, scene.duration))]
+    if not set(variants) <= set(SHAPES):
+        raise ValueError(f"effect {family.effect.name}, which is searched as a pulse, "
+                         f"has the forms {variants}: they must be among {list(SHAPES)}")
     residual = one.residual[0, 1:]
     left = residual[::-1].cumsum()[::-1]
     # a sum of the past is held against the sum of what is left
-    sums = {(False, 1): residual, (True, 1): left[1:]}
-    for variant, _ in family.effect.columns(scene, None, (scene.dt, scene.duration)):
+    sums = {(False, 1): residual, (True, 1): np.append(left[1:], 0.0)}
+    for variant in variants:
         shape = SHAPES[variant]
         for n, knots, J in _known(scene, family._replace(variant=variant), one):
             by = _fineness(n)
@@ -138,7 +146,7 @@ def span_scan(scene, family, one):
                     rows = sums[shape.mounts, half]
                     sums[shape.mounts, 2 * half] = rows[:-1:2] + rows[1::2]
             yield _span(scene.dt, variant, n, knots, J, sums[shape.mounts, by], left)
-    if variant in PULSES:
+    if RECTANGULAR in variants:
         yield from _between_edges(scene, family._replace(variant=RECTANGULAR), one)
 
 
@@ -146,8 +154,8 @@ def _span(dt, variant, n, knots, J, rows, left):
     """`Scan` of a shape of n samples against sums `rows` of as many samples as its
     fineness, and the sums (N,) of all that is `left`.
 
-    Between two knots the information is taken to be the larger of both, so that no gain
-    is too large.
+    Between two knots, and beyond the last, the information is taken to be the larger of
+    two, so that no gain is too large.
     """
     shape, by = SHAPES[variant], _fineness(n)
     every = max(n // by // PARTS, 1)
@@ -202,8 +210,8 @@ def _between_edges(scene, family, one):
 
 
 def _log_share(residual, onset, n, J):
-    """ln of what a pulse stands for, of the cell that one of the grid of its duration
-    stands for: its peak may be narrower.
+    """ln of the part of a cell of the grid of its duration in which the Bayes factor of
+    a pulse is near its peak.
 
     Where an edge moves by few samples, the information J is about the same.
     """
@@ -219,7 +227,7 @@ def _log_share(residual, onset, n, J):
     return min(np.log(area / cell), 0.0)
 
 
-RESOLVED = 9.0    # pulses that have the mass of a grid which is fine enough
+ENOUGH = 9.0    # pulses that have the mass of a grid which is fine enough
 
 
 def resolved_span(scene, family, one, onset, duration):
@@ -227,18 +235,21 @@ def resolved_span(scene, family, one, onset, duration):
     known of them.
     """
     onset, n = round(onset / scene.dt), round(duration / scene.dt)
+    prior = family.effect.parameters(scene)[1]
+    low, high = min(round(prior.low / scene.dt), n), max(prior.high / scene.dt, n)
     apart = (DURATION_STEP - 1.0) * n / 6.0
     while True:
         ends = np.unique(np.round(apart * np.arange(-6, 7)).astype(int))
         family = family._replace(psi=tuple(
             ((onset + i) * scene.dt, (n + j - i) * scene.dt)
-            for i in ends for j in ends if onset + i > 0 and n + j - i >= MIN_PULSE
+            for i in ends for j in ends if onset + i > 0 and low <= n + j - i <= high
             and onset + n + j <= len(scene.y)))
         if apart <= 1.0:
             return family
         found = scores_at(scene, family, one)
         mass = normalized(0.5 * found.gain[0])
-        if 1.0 / np.sum(mass**2) > RESOLVED:
+        alike = np.array(found.variant) == found.variant[mass.argmax()]
+        if 1.0 / np.sum(normalized(0.5 * found.gain[0, alike])**2) > ENOUGH:
             return family
         first, duration = np.round(found.psi[mass.argmax()] / scene.dt).astype(int)
         onset, n, apart = first, duration, apart / 3.0

@@ -188,7 +188,8 @@ def _moving_line(r):
     # about 1 / sqrt(rate) of a line that sweeps through a fourth of all frequencies
     length = prev_fast_len(int(min(2.0 * np.sqrt(N), MOVING)), real=True)
     parts = N // length
-    line = np.fft.rfft(r.z[:, :parts * length].reshape(R, parts, length))[..., 1:]
+    line = np.fft.rfft(r.z[:, :parts * length].reshape(R, parts, length))[
+        ..., 1:(length + 1) // 2]    # at the Nyquist frequency there is half of a line
     power = (line.real**2 + line.imag**2) / (length * r.count / N)[:, None, None]
     several = max(round(parts / TRACKED), 1)    # are summed
     parts = parts // several * several
@@ -329,7 +330,7 @@ def _ties(first, last, y, ties):
 
 
 PER_SIGMA = 256    # values in a table of the normal law u and of cos(pi u), between
-                   # which straight lines are good to a millionth
+                   # which straight lines are good to some millionths
 LAW = ndtr(np.arange(-8 * PER_SIGMA, 8 * PER_SIGMA + 2) / PER_SIGMA)
 LAW = np.column_stack([LAW, np.cos(np.pi * LAW)])
 

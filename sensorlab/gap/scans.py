@@ -15,7 +15,7 @@ from sensorlab.gap.effects import BLOCK, LONG_RECORD
 from sensorlab.gap.kernels import KERNEL, spectrum
 from sensorlab.gap.onsets import resolved_span, span_scan, step_scan, step_scores
 from sensorlab.gap.signatures import (
-    Scan, blocks, information, least_squares, mean_bayes, scores_at)
+    Scan, blocks, information, least_squares, mean_bayes, scores_at, unnamed)
 
 
 @njit(**KERNEL)
@@ -69,7 +69,7 @@ def _frequency_scan(scene, family, one):
         _line_information(turn, share[0] * count, own.a, own.q, own.r, spectral)
     gain /= spectral
     yield Scan(np.append(below.gain, gain), 2, lambda number: (
-        frequency[number], _of_one(number)))
+        frequency[number], unnamed(number)))
 
 
 def _interpolated(x, at, value):
@@ -84,6 +84,7 @@ def _interpolated(x, at, value):
 RING_STEP = 2.5     # ratio of one duration of a ringing to the next
 RING_PARTS = 6      # of its duration, by which onsets are apart
 MIN_PERIODS = 2     # in a duration: with fewer it is a pulse
+STRETCHES = 16      # of a record, that may miss more or fewer samples
 LONGEST = 2000      # samples of a ringing: longer it is a vibration
 
 
@@ -93,8 +94,8 @@ def _ringing_scan(scene, family, one):
     """
     longest = min(len(scene.y) // 8, LONGEST)
     lengths = np.exp(np.arange(np.log(min(MIN_RINGING, longest)), np.log(longest + 1.0),
-                               np.log(RING_STEP))).astype(int)
-    for n in np.unique(lengths).tolist():
+                               np.log(RING_STEP)))
+    for n in np.unique(np.round(lengths).astype(int)).tolist():
         yield from _rings(scene, one, n)
 
 
@@ -103,15 +104,20 @@ def _rings(scene, one, n):
     frequencies counts, too: it begins at once.
     """
     L, every = next_fast_len(2 * n, real=True), max(n // RING_PARTS, 1)
-    decay, inverse = np.exp(-DECAYS / n * np.arange(L)), np.zeros((1, L))
+    decay = np.exp(-DECAYS / n * np.arange(L))
     keep = slice(-(-MIN_PERIODS * L // n), (L - 1) // 2)
     frequency = np.fft.rfftfreq(L, scene.dt)[keep]
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(L) / L)
     turn[0] = 0.01 * turn[1]    # at rest a walk has infinite power
-    for share, own in one.spectra:
-        _line_information(turn, 2.0 * share[0], own.a, own.q, own.r, inverse)
-    J = 0.5 / L * np.fft.irfft(np.fft.rfft(np.abs(np.fft.fft(decay))**2)
-                               * np.fft.rfft(inverse[0]), L)[keep]
+    power, J = np.fft.rfft(np.abs(np.fft.fft(decay))**2), 0.0
+    for _, own in one.spectra:    # where the noise changes, at its quietest
+        for level in own.r[0, [0, -1]]:
+            inverse = np.zeros((1, L))
+            _line_information(turn, 2.0, own.a, own.q, np.array([[level]]), inverse)
+            J = np.maximum(J, 0.5 / L * np.fft.irfft(
+                power * np.fft.rfft(inverse[0]), L)[keep])
+    # where samples are missing, they are most nearly whole
+    J = J * max(part.mean() for part in np.array_split(~np.isnan(scene.y), STRETCHES))
     behind = sliding_window_view(np.append(one.residual[0, 1:], np.zeros(L)), L)[
         :len(scene.y) - n - 1:every]
     rows = max(BLOCK // L, 1)
@@ -122,21 +128,18 @@ def _rings(scene, one, n):
             onset, at = np.divmod(number, len(frequency))
             return np.column_stack([
                 scene.dt * (1 + (first + onset) * every), np.full(
-                    len(number), scene.dt * n), frequency[at]]), _of_one(number)
+                    len(number), scene.dt * n), frequency[at]]), unnamed(number)
         yield Scan(((line.real**2 + line.imag**2) / J).ravel(), 2, of)
-
-
-def _of_one(number):
-    """Names of variants (n,) where there is one."""
-    return np.full(len(number), "")
 
 
 def _resolved_ringing(scene, family, one, onset, duration, frequency):
     """The family about a decaying wave, ever finer."""
-    apart = np.array([duration / RING_PARTS, RING_STEP, 0.5 / duration])
+    apart, prior = (duration / RING_PARTS, RING_STEP, 0.5 / duration), (
+        family.effect.parameters(scene)[1])
     for _ in range(2):
         family = family._replace(psi=tuple(
-            (max(onset + i * apart[0], scene.dt), duration * apart[1]**j, np.clip(
+            (max(onset + i * apart[0], scene.dt), np.clip(
+                duration * apart[1]**j, prior.low, prior.high), np.clip(
                 frequency + k * apart[2], 0.1 / duration, 0.5 / scene.dt))
             for i in np.linspace(-1.0, 1.0, 5) for j in np.linspace(-1.0, 1.0, 5)
             for k in np.linspace(-1.0, 1.0, 7)))
@@ -148,15 +151,15 @@ def _resolved_ringing(scene, family, one, onset, duration, frequency):
 
 SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
              ringing=_ringing_scan)
-RESOLVED = dict(pulse=resolved_span, ringing=_resolved_ringing)
+FINER = dict(pulse=resolved_span, ringing=_resolved_ringing)
 LIKELY = 16    # signatures whose gains are exact at every node
 
 
 def family_bayes(scene, family, solved, table):
     """ln of the mean Bayes factor over all signatures of a family, (M,).
 
-    Where there are thousands, a scan at the likeliest node tells which matter; what
-    these are worth at the others, and exactly there, the whole is taken to be.
+    Where there are thousands, a scan at the likeliest node tells which matter. At the
+    others these alone are computed: the sum over all is scaled by the same ratio.
     """
     if family.psi is not None:
         found = scores_at(scene, family, solved)
@@ -214,9 +217,9 @@ def refined(scene, family, one):
         scan = max(SCANS[effect.search](scene, family, one),
                    key=lambda part: part.gain.max())
         gain = scan.gain
-        if effect.search in RESOLVED:
+        if effect.search in FINER:
             (psi,), _ = scan.of(gain.argmax(keepdims=True))
-            return RESOLVED[effect.search](scene, family, one, *psi)
+            return FINER[effect.search](scene, family, one, *psi)
         psi, _ = scan.of(np.arange(len(gain)))
     else:
         found = scores_at(scene, family, one)

@@ -60,13 +60,14 @@ def search(full, start, readings, effects, before, glanced, shared):
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])
         if look.account is None:
-            better = None
-            if exchanges < MAX_EXCHANGES and after.p_value > EXPLAINED:
-                path, leaves, better = _exchanged(full, acc, path, leaves, lesser,
-                                                  effects, shared)
-            if better is None:
+            better = exchanges < MAX_EXCHANGES and after.p_value > EXPLAINED and (
+                _exchanged(full, acc, path, leaves, lesser, effects, shared))
+            if better:
+                leaves = better.leaves
+            if not better or better.account is acc:
                 return Search(acc, lesser, path, leaves, after, left)
-            acc, lesser, exchanges = better, {}, exchanges + 1
+            acc, lesser, path, exchanges = better.account, better.lesser, better.path, (
+                exchanges + 1)
             after = glanced(acc, after)
             continue
         (one,) = found[0].found
@@ -129,40 +130,54 @@ def _without_needless(full, acc, path, leaves, prior):
     return acc, lesser, path, leaves
 
 
-def _exchanged(full, acc, path, leaves, lesser, effects, shared):
-    """Beside all others, is another effect more probable than one that was found before
-    the last? The path, the leaves, and the account with the exchange, or None.
+class _Exchanged(NamedTuple):
+    """What has become of an account, its path and the leaves; see `Search`."""
 
-    What may as well stand in its place is among the leaves.
+    account: Account
+    lesser: dict
+    path: Cause
+    leaves: dict
+
+
+COMPARABLE = 1e-6    # probability of an effect beside the others, below which it was
+                     # not looked for as when it was found
+
+
+def _exchanged(full, acc, path, leaves, lesser, effects, shared):
+    """`_Exchanged`: is another effect, beside all others, more probable than one that
+    was found before the last? What may as well stand in its place is among the leaves.
     """
     asked = sorted((
         (number, *_less(full, acc, lesser, path, number))
         for number, one in enumerate(path.found[:-1]) if not one.effect.reading),
         key=lambda own: -own[1].log_evidence)
-    scene, leaf = as_read(full, acc.readings), leaves[path.effect]
+    scene, leaf, before = as_read(full, acc.readings), leaves[path.effect], leaves
     for number, less, rest in asked[:MAX_ASKED]:
         look, name = further_causes(scene, less, effects), path.found[number].name
-        here = max([c.probability for c in look.causes if c.effect == name] or [1e-12])
+        here = sum(c.probability for c in look.causes if c.effect == name)
+        if here < COMPARABLE:
+            continue
         best = next(c for c in look.causes if c.found)
         if look.account is not None and best.probability > here and not shared(
                 best.found[0], look.account, scene):
             kept = here / (here + best.probability)
             new = scaled(_joined(rest, best)._replace(
-                probability=path.probability), 1.0 - kept, 0.0)
-            return new, {
+                probability=path.probability, error=path.error), 1.0 - kept, 0.0)
+            account, lesser, new, leaves = _without_needless(full, look.account, new, {
                 key: scaled(c, kept, 0.0) if c.effects[:len(path.found)] == path.effects
-                else c for key, c in leaves.items() if c.names != new.names
-            }, look.account
+                else c for key, c in before.items() if c.names != new.names
+            }, look.prior)
+            return _Exchanged(account, lesser, new, leaves)
         for c in look.causes:
             instead = _joined(rest, c)._replace(
-                probability=leaf.probability * c.probability / here)
+                probability=leaf.probability * min(c.probability / here, 1.0))
             known = sum(one.probability for one in leaves.values()
                         if one.names == instead.names)
             if c.effect != name and instead.probability > known:
                 leaves = {instead.effect: instead, **{
                     key: one for key, one in leaves.items()
                     if one.names != instead.names}}
-    return path, leaves, None
+    return _Exchanged(acc, lesser, path, leaves)
 
 
 def _joined(path, cause):

@@ -107,10 +107,15 @@ class Scan(NamedTuple):
     gain: np.ndarray       # (m,)
     k: int                 # columns
     of: Callable           # some numbers (n,) -> their psi (n,) or (n, d), and variants
-    log_share: np.ndarray = 0.0    # (m,) ln of what one stands for, of the cell of the
-                                   # grid: is in the gain already
+    log_share: np.ndarray = 0.0    # (m,) ln of the part of its cell of the grid in
+                                   # which B is near its peak: it is in the gain
 
     __repr__ = brief
+
+
+def unnamed(number):
+    """Names of variants (n,) where there is one."""
+    return np.full(len(number), "")
 
 
 class Family(NamedTuple):
