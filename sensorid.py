@@ -835,6 +835,14 @@ def _gains(observed, node, memory, ak, w, c):
 
 
 @njit(**JIT)
+def _drop_dust(state, count):
+    """The first numbers of a state are 0 if they have nearly decayed: see `DUST`."""
+    for g in range(count):
+        if abs(state[g]) < DUST:
+            state[g] = 0.0
+
+
+@njit(**JIT)
 def _trials_abreast(y, a, ak, w, c, g, state):
     """Eqs. (4), (7) and the sums of node g of a group for LANES trials.
 
@@ -867,9 +875,7 @@ def _trials_abreast(y, a, ak, w, c, g, state):
             state[t] = a * state[t] + ak[i, g] * nu
             state[t + LANES] += nu * w[i, g] * nu
             state[t + 2 * LANES] += nu * c[i, g]
-    for t in range(LANES):
-        if abs(state[t]) < DUST:
-            state[t] = 0.0
+    _drop_dust(state, LANES)
 
 
 @njit(**JIT)
@@ -948,9 +954,7 @@ def _nodes_abreast(y, node, ak, w, c, state):
             state[g] = node[0, g] * state[g] + ak[i, g] * nu
             state[g + GROUP] += nu * w[i, g] * nu
             state[g + 2 * GROUP] += nu * c[i, g]
-    for g in range(GROUP):
-        if abs(state[g]) < DUST:
-            state[g] = 0.0
+    _drop_dust(state, GROUP)
 
 
 @njit(**JIT)
@@ -972,9 +976,7 @@ def _steady_abreast(y, a, ak, state):
             state[g] = a[g] * x + ak[g] * nu3
             state[g + GROUP] += nu0 * nu0 + nu1 * nu1 + nu2 * nu2 + nu3 * nu3
             state[g + 2 * GROUP] += nu0 + nu1 + nu2 + nu3
-    for g in range(GROUP):
-        if abs(state[g]) < DUST:
-            state[g] = 0.0
+    _drop_dust(state, GROUP)
 
 
 @njit(nogil=True, **JIT)

@@ -83,6 +83,23 @@ def kept(name):
     return result, keep
 
 
+def repeated(name, kinds, repeats, verdict):
+    """{kind: [verdict, ...]} of so many records of every kind, one in a small version,
+    of which `verdict` (kind, number) gives one; those given before are kept.
+    """
+    known, keep = kept(name)
+    result = {}
+    for done, kind in enumerate(kinds, 1):
+        for number in range(repeats if size["trials"] >= 500 else 1):
+            key = f"{kind} {number}"
+            if key not in known:
+                keep(key, verdict(kind, number))
+            result.setdefault(kind, []).append(known[key])
+        if size["progress"]:
+            size["progress"](done, len(kinds))
+    return result
+
+
 def save(fig, name):
     """PNG and PDF."""
     import matplotlib.pyplot as plt

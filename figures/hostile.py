@@ -174,21 +174,15 @@ CONDITIONS = {
 }
 
 
+def _verdict(condition, number):
+    make, _ = CONDITIONS[condition]
+    y, dt, hypotheses, columns = make(np.random.default_rng([SEED, number]))
+    return sensorlab.diagnose(y, dt, hypotheses, columns).verdict
+
+
 def compute():
     """{condition: [verdict, ...]}; verdicts given before are kept."""
-    kept, keep = figures.kept("hostile")
-    repeats = REPEATS if figures.size["trials"] >= 500 else 1
-    result = {}
-    for done, (name, (make, _)) in enumerate(CONDITIONS.items(), 1):
-        for number in range(repeats):
-            key = f"{name} {number}"
-            if key not in kept:
-                y, dt, hypotheses, columns = make(np.random.default_rng([SEED, number]))
-                keep(key, sensorlab.diagnose(y, dt, hypotheses, columns).verdict)
-            result.setdefault(name, []).append(kept[key])
-        if figures.size["progress"]:
-            figures.size["progress"](done, len(CONDITIONS))
-    return result
+    return figures.repeated("hostile", CONDITIONS, REPEATS, _verdict)
 
 
 def right(condition, verdict):

@@ -164,21 +164,14 @@ KINDS = {**{name: names for name, (_, names) in SHAPES.items()},
          **{f"noise {name}": names for name, (_, names) in NOISES.items()}}
 
 
+def _verdict(kind, number):
+    y, columns = record(kind, number)
+    return sensorlab.diagnose(y, 1.0, SIMULATOR, columns).verdict
+
+
 def compute():
     """{kind: [verdict, ...]}; verdicts given before are kept."""
-    kept, keep = figures.kept("outside")
-    repeats = REPEATS if figures.size["trials"] >= 500 else 1
-    result = {}
-    for done, name in enumerate(KINDS, 1):
-        for number in range(repeats):
-            key = f"{name} {number}"
-            if key not in kept:
-                y, columns = record(name, number)
-                keep(key, sensorlab.diagnose(y, 1.0, SIMULATOR, columns).verdict)
-            result.setdefault(name, []).append(kept[key])
-        if figures.size["progress"]:
-            figures.size["progress"](done, len(KINDS))
-    return result
+    return figures.repeated("outside", KINDS, REPEATS, _verdict)
 
 
 ANSWERS = ("unknown or undecided", "a neighbour and unknown", "a neighbour", "none",

@@ -7,6 +7,7 @@ needed even where it is described in any way that does not describe the effect i
 
 import numpy as np
 
+from sensorlab.gap.causes import search_cost
 from sensorlab.gap.closure import regression, standing_out
 from sensorlab.gap.places import PLACES
 
@@ -43,9 +44,8 @@ def stays_needed(effect, without_it, with_it, again=False):
             change and _closed_at_worst(without_it, with_it, ("time",)) < MOST):
         return False
     # the best of as many places as it could be at gains that much by chance
-    searched = np.log(len(with_it.z)) * (effect.search not in ("", "spectrum"))
-    if effect.columns and searched:    # in as many ways as it has parameters
-        searched *= len(effect.parameters(with_it.ruler.fit.setting.scene))
+    searched = np.log(len(with_it.z)) if effect.search not in ("", "spectrum") else 0.0
+    searched += search_cost(effect, with_it.ruler.fit.setting.scene)
     return bool(gain.sum() > NEEDED_NATS + searched)
 
 
