@@ -108,7 +108,7 @@ SHAPES = {
         lambda b: np.sin(b.phase) * np.cos(2.0 * np.pi * b.t / 700.0), LINES),
     "chirp": (_chirp, LINES),
     "burst of vibration": (lambda b: np.exp(-0.5 * (b.since / 60.0)**2) * np.sin(
-        0.7 * b.t), (*LINES, "ringing")),
+        0.7 * b.t), (*LINES, "vibration_burst")),
     "cubic drift": (lambda b: (b.t / SAMPLES - 0.5)**3, DRIFTS),
     "square root of time": (lambda b: np.sqrt(b.t), DRIFTS),
     "logarithm of time": (lambda b: np.log1p(b.t / 20.0), DRIFTS),

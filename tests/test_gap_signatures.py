@@ -64,19 +64,23 @@ def test_no_pulse_gains_more_than_by_least_squares(effect, variants):
     assert seen == set(variants)
 
 
-def test_gain_of_a_ringing_is_about_that_of_least_squares():
+@pytest.mark.parametrize("effect, envelope", [
+    ("ringing", lambda s: np.exp(-3.0 * s)),
+    ("vibration_burst", lambda s: np.where(s < 1.0, np.sin(np.pi * s)**2, 0.0))])
+def test_gain_of_waves_is_about_that_of_least_squares(effect, envelope):
     y = sensorid.simulate(MODEL[1:], DT, 400, seed=4).error[0]
     scene, theta = Scene(y, DT, {}), np.array([[300.0, 0.9, 0.4]])
     solved = filters.solve(member(scene, MODEL[1]), scene, (), theta)
     inverse, ratio = np.linalg.inv(dense(theta[0], 400)), []
     rng = np.random.default_rng(0)
-    for part in scans.SCANS["ringing"](scene, signatures.Family(
-            CATALOGUE["ringing"], ""), solved):
+    for part in scans.SCANS["waves"](scene, signatures.Family(
+            CATALOGUE[effect], ""), solved):
         some = rng.integers(0, len(part.gain), 60)
         for i, (onset, duration, frequency) in zip(some, part.of(some)[0]):
             t = np.maximum(scene.time - onset, 0.0)
-            phase, decay = 2.0 * np.pi * frequency * t, np.exp(-3.0 * t / duration)
-            s = (scene.time >= onset) * decay * [np.cos(phase), np.sin(phase)]
+            phase = 2.0 * np.pi * frequency * t
+            s = (scene.time >= onset) * envelope(t / duration) * [
+                np.cos(phase), np.sin(phase)]
             b = s @ inverse @ y
             ratio.append(part.gain[i] / (b @ np.linalg.solve(s @ inverse @ s.T, b)))
     # the phase at the onset matters a little, which the spectrum does not know
@@ -85,14 +89,16 @@ def test_gain_of_a_ringing_is_about_that_of_least_squares():
 
 
 @pytest.mark.parametrize("effect", ["bias_step", "pulse", "gradual_step", "sinusoid",
-                                    "ringing"])
+                                    "ringing", "vibration_burst"])
 def test_what_matters_is_exact_at_every_node(effect):
     t = np.arange(600.0)
     y = sensorid.simulate(MODEL[1:], DT, 600, seed=4).error[0] + dict(
         bias_step=2.5 * (t > 333.0), pulse=3.0 * ((t > 200.0) & (t < 240.0)),
         gradual_step=-8.0 * np.expm1(-np.maximum(t - 250.0, 0.0) / 30.0),
         sinusoid=0.5 * np.sin(0.7 * t), ringing=(t > 300.0) * np.exp(
-            (300.0 - t) / 20.0) * 5.0 * np.sin(0.5 * t))[effect]
+            (300.0 - t) / 20.0) * 5.0 * np.sin(0.5 * t),
+        vibration_burst=2.0 * np.exp(-((t - 300.0) / 25.0)**2) * np.sin(0.5 * t)
+    )[effect]
     scene, h = Scene(y, DT, {}), member(Scene(y, DT, {}), MODEL[1])
     theta = account(scene, [h]).sample.nodes(6)
     solved, table = filters.solve(h, scene, (), theta), signatures.bayes_table()
@@ -115,7 +121,8 @@ def test_what_matters_is_exact_at_every_node(effect):
 
 @pytest.mark.parametrize("missing", [slice(0, 80), slice(400, 799), slice(260, 540),
                                      slice(0, None, 2)])
-@pytest.mark.parametrize("effect", ["pulse", "gradual_step", "ringing", "sinusoid"])
+@pytest.mark.parametrize("effect", ["pulse", "gradual_step", "ringing",
+                                    "vibration_burst", "sinusoid"])
 def test_where_nothing_is_seen_there_is_nothing(effect, missing):
     y = sensorid.simulate(MODEL[1:], DT, 800, seed=5).error[0]
     y[missing] = np.nan
@@ -135,7 +142,7 @@ def test_a_ringing_in_the_quiet_part_of_a_record_gains_no_more_than_it_should():
     h = member(scene, MODEL[0], "noise_step")
     solved = filters.solve(h, scene, (), np.array([[0.05, 3.0, 700.0, 1.0 / 6.0]]))
     family = signatures.Family(CATALOGUE["ringing"], "")
-    gains = np.concatenate([p.gain for p in scans.SCANS["ringing"](
+    gains = np.concatenate([p.gain for p in scans.SCANS["waves"](
         scene, family, solved)])
     assert gains.max() < 2.0 * np.log(len(gains)) + 10.0
 

@@ -10,13 +10,13 @@ MODELS = ("white_noise", "random_walk", "markov", "random_walk_markov", "two_mar
           "rate_ramp")
 ALGORITHMS = "slopes", "gmwm", "aic", "bic", "whittle"
 EFFECTS = (
-    "rate_ramp", "bias_step", "pulse", "gradual_step", "ringing", "second_order_drift",
-    "turn_on_transient", "sinusoid", "temperature", "thermal_lag", "scale_factor",
-    "nonlinearity", "latency", "g_sensitivity", "covariate", "hysteresis",
-    "random_walk", "correlated_noise", "bias_instability", "narrow_band_noise",
-    "bandwidth", "blue_noise", "noise_step", "walk_step", "outliers",
-    "random_telegraph", "quantization", "saturation", "stuck", "repeated_samples",
-    "wrong_parameter")
+    "rate_ramp", "bias_step", "pulse", "gradual_step", "ringing", "vibration_burst",
+    "second_order_drift", "turn_on_transient", "sinusoid", "temperature", "thermal_lag",
+    "scale_factor", "nonlinearity", "latency", "g_sensitivity", "covariate",
+    "hysteresis", "random_walk", "correlated_noise", "bias_instability",
+    "narrow_band_noise", "bandwidth", "blue_noise", "noise_step", "walk_step",
+    "outliers", "random_telegraph", "quantization", "saturation", "stuck",
+    "repeated_samples", "wrong_parameter")
 
 RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
           "PX4 or .bin of ArduPilot")

@@ -58,9 +58,20 @@ def _from(scene, onset, duration, law):
 
 def _ringing(scene, x, psi):
     onset, duration, frequency = psi
-    yield "", np.hstack([_from(
-        scene, onset, 12.0 * duration, lambda t: wave(2.0 * np.pi * frequency * t)
-        * np.exp(-DECAYS / duration * t)) for wave in (np.cos, np.sin)])
+    yield "", _waves(scene, onset, 12.0 * duration, frequency, lambda t: np.exp(
+        -DECAYS / duration * t))
+
+
+def _burst(scene, x, psi):
+    onset, duration, frequency = psi
+    yield "", _waves(scene, onset, duration, frequency, lambda t: np.sin(
+        np.pi / duration * t)**2)
+
+
+def _waves(scene, onset, duration, frequency, envelope):
+    """Cosine and sine (N, 2) in an envelope, from an onset on, for so long."""
+    return np.hstack([_from(scene, onset, duration, lambda t: envelope(t) * wave(
+        2.0 * np.pi * frequency * t)) for wave in (np.cos, np.sin)])
 
 
 def _parabola(scene, x, psi):
@@ -436,7 +447,7 @@ def _spread(scene):
 
 MIN_PULSE = 3     # samples: fewer are outliers
 MIN_SHAPED = 8    # of a pulse: fewer have no shape but a rectangle
-MIN_RINGING = 16    # of a ringing: fewer are outliers
+MIN_RINGING = 16    # of a ringing, or a burst: fewer are outliers
 MIN_SLOW = 64     # of a slow step: fewer are a step
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
 
@@ -470,7 +481,7 @@ CATALOGUE = {effect.name: effect for effect in (
                     "s, size in u",
            resembles="bias step, turn-on transient, random walk",
            experiment="look for what changed at the onset: a load, a heater"),
-    Effect("ringing", columns=_ringing, search="ringing", size="amplitude",
+    Effect("ringing", columns=_ringing, search="waves", size="amplitude",
            parameters=lambda s: (
                _onset(s), _log("duration", MIN_RINGING * s.dt, s.duration / 8.0),
                Parameter("frequency", MIN_CYCLES / s.duration, 0.5 / s.dt)),
@@ -479,6 +490,15 @@ CATALOGUE = {effect.name: effect for effect in (
                     "frequency in Hz, amplitude in u",
            resembles="narrow-band noise, pulse, outliers",
            experiment="knock at the mount: it rings at the same frequency"),
+    Effect("vibration_burst", columns=_burst, search="waves", size="amplitude",
+           parameters=lambda s: (
+               _onset(s), _log("duration", MIN_RINGING * s.dt, s.duration / 2.0),
+               Parameter("frequency", MIN_CYCLES / s.duration, 0.5 / s.dt)),
+           equation="y + amplitude sin(pi s)^2 cos(2 pi frequency (t - onset) + "
+                    "phase), s = (t - onset) / duration from 0 to 1; onset and "
+                    "duration in s, frequency in Hz, amplitude in u",
+           resembles="ringing, narrow-band noise, sinusoid",
+           experiment="look for what ran then: a motor, a passing vehicle"),
     Effect("second_order_drift", columns=_parabola, size="curvature",
            parameters=lambda s: (Parameter("vertex", 0.2 * s.duration,
                                            0.8 * s.duration),),

@@ -88,9 +88,10 @@ class Effect(NamedTuple):
     factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
                                 # all standard deviations
     parameters: Callable = nothing    # of the scene: priors of all that is no size
-    search: str = ""            # how psi is found: "onset", "frequency", "ringing",
-                                # "pulse" (its variants are among `onsets.SHAPES`), else
-                                # by a list; a model that shows in the spectrum of the
+    search: str = ""            # how psi is found: "onset", "frequency", "waves" (in
+                                # an envelope, which they are at frequency 0), "pulse"
+                                # (its variants are among `onsets.SHAPES`), else by a
+                                # list; a model that shows in the spectrum of the
                                 # residuals: "spectrum", or "band" by its frequency
     size: str = "size"          # what the factor of the columns is called
     column: str = ""            # what must be recorded beside the error; "*" is what no

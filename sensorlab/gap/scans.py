@@ -10,8 +10,8 @@ from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import next_fast_len
 
-from sensorlab.gap.catalogue import DECAYS, MIN_CYCLES, MIN_RINGING
-from sensorlab.gap.effects import BLOCK, LONG_RECORD
+from sensorlab.gap.catalogue import MIN_CYCLES, MIN_RINGING
+from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene
 from sensorlab.gap.kernels import KERNEL, spectrum
 from sensorlab.gap.onsets import resolved_span, span_scan, step_scan, step_scores
 from sensorlab.gap.signatures import (
@@ -81,35 +81,38 @@ def _interpolated(x, at, value):
     return (1.0 - share) * value[:, k - 1] + share * value[:, k]
 
 
-RING_STEP = 2.5     # ratio of one duration of a ringing to the next
-RING_PARTS = 6      # of its duration, by which onsets are apart
+WAVE_STEP = 2.5     # ratio of one duration of waves to the next
+WAVE_PARTS = 6      # of their duration, by which onsets are apart
 MIN_PERIODS = 2     # in a duration: with fewer it is a pulse
 STRETCHES = 16      # of a record, that may miss more or fewer samples
-LONGEST = 2000      # samples of a ringing: longer it is a vibration
+LONGEST = 2000      # samples: longer it is a vibration
 
 
-def _ringing_scan(scene, family, one):
-    """Decaying waves at every onset, of every duration and frequency: spectra of the
-    residual behind an onset, weighted as they decay.
+def _wave_scan(scene, family, one):
+    """Waves in an envelope at every onset, of every duration and frequency: spectra of
+    the residual behind an onset, weighted as they rise and fall.
     """
-    longest = min(len(scene.y) // 8, LONGEST)
+    _, duration, _ = family.effect.parameters(scene)
+    longest = min(int(duration.high / scene.dt), LONGEST)
     lengths = np.exp(np.arange(np.log(min(MIN_RINGING, longest)), np.log(longest + 1.0),
-                               np.log(RING_STEP)))
+                               np.log(WAVE_STEP)))
     for n in np.unique(np.round(lengths).astype(int)).tolist():
-        yield from _rings(scene, one, n)
+        yield from _waves(scene, family, one, n)
 
 
-def _rings(scene, one, n):
-    """`Scan` after scan of decaying waves of n samples. All that a wave holds of other
-    frequencies counts, too: it begins at once.
+def _waves(scene, family, one, n):
+    """`Scan` after scan of waves of n samples. All that a wave holds of other
+    frequencies counts, too: it may begin at once.
     """
-    L, every = next_fast_len(2 * n, real=True), max(n // RING_PARTS, 1)
-    decay = np.exp(-DECAYS / n * np.arange(L))
+    L, every = next_fast_len(2 * n, real=True), max(n // WAVE_PARTS, 1)
+    ((_, columns),) = family.effect.columns(
+        Scene(np.zeros(L), scene.dt, {}), None, (0.0, n * scene.dt, 0.0))
+    envelope = columns[:, 0]    # a wave that stands still
     keep = slice(-(-MIN_PERIODS * L // n), (L - 1) // 2)
     frequency = np.fft.rfftfreq(L, scene.dt)[keep]
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(L) / L)
     turn[0] = 0.01 * turn[1]    # at rest a walk has infinite power
-    power, J = np.fft.rfft(np.abs(np.fft.fft(decay))**2), 0.0
+    power, J = np.fft.rfft(np.abs(np.fft.fft(envelope))**2), 0.0
     for _, own in one.spectra:    # where the noise changes, at its quietest
         for level in own.r[0, [0, -1]]:
             inverse = np.zeros((1, L))
@@ -122,7 +125,7 @@ def _rings(scene, one, n):
         :len(scene.y) - n - 1:every]
     rows = max(BLOCK // L, 1)
     for first in range(0, len(behind), rows):
-        line = np.fft.rfft(behind[first:first + rows] * decay)[:, keep]
+        line = np.fft.rfft(behind[first:first + rows] * envelope)[:, keep]
 
         def of(number, first=first):
             onset, at = np.divmod(number, len(frequency))
@@ -132,9 +135,9 @@ def _rings(scene, one, n):
         yield Scan(((line.real**2 + line.imag**2) / J).ravel(), 2, of)
 
 
-def _resolved_ringing(scene, family, one, onset, duration, frequency):
-    """The family about a decaying wave, ever finer."""
-    apart, prior = (duration / RING_PARTS, RING_STEP, 0.5 / duration), (
+def _resolved_waves(scene, family, one, onset, duration, frequency):
+    """The family about waves in an envelope, ever finer."""
+    apart, prior = (duration / WAVE_PARTS, WAVE_STEP, 0.5 / duration), (
         family.effect.parameters(scene)[1])
     for _ in range(2):
         family = family._replace(psi=tuple(
@@ -150,8 +153,8 @@ def _resolved_ringing(scene, family, one, onset, duration, frequency):
 
 
 SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
-             ringing=_ringing_scan)
-FINER = dict(pulse=resolved_span, ringing=_resolved_ringing)
+             waves=_wave_scan)
+FINER = dict(pulse=resolved_span, waves=_resolved_waves)
 LIKELY = 16    # signatures whose gains are exact at every node
 
 

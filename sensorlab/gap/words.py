@@ -18,8 +18,9 @@ from sensorlab.tables import Table, as_text
 PHRASES = dict(
     rate_ramp="a rate ramp", bias_step="a bias step", pulse="a pulse",
     gradual_step="a gradual bias step", ringing="a ringing",
+    vibration_burst="a burst of vibration", sinusoid="a sinusoid",
     second_order_drift="a second-order drift", turn_on_transient="a turn-on transient",
-    sinusoid="a sinusoid", temperature="a dependence on temperature",
+    temperature="a dependence on temperature",
     thermal_lag="a dependence on temperature that lags behind",
     scale_factor="a scale factor error", nonlinearity="a nonlinearity",
     latency="a latency", g_sensitivity="a g-sensitivity",
