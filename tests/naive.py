@@ -4,6 +4,8 @@ Nothing here comes from `sensorid`. States carry the bias, as in Eqs. (21)-(22);
 node has full matrices; every step is taken for every node.
 """
 
+import itertools
+
 import numpy as np
 
 
@@ -100,3 +102,15 @@ def allan_variance(omega, m):
     overlapping."""
     means = np.array([np.mean(omega[i:i + m]) for i in range(len(omega) - m + 1)])
     return 0.5 * np.mean((means[m:] - means[:-m])**2)
+
+
+def histories(begin, end, n):
+    """Every history (2^n, n) of a level that is 0 or 1, and its probability; chances
+    that 1 begins and ends.
+    """
+    paths = np.array(list(itertools.product((0, 1), repeat=n)))
+    chance = np.array([begin / (begin + end), end / (begin + end)])[paths[:, 0] ^ 1]
+    for before, after in zip(paths[:, :-1].T, paths[:, 1:].T):
+        leave = np.where(before, end, begin)
+        chance = chance * np.where(before == after, 1.0 - leave, leave)
+    return paths, chance

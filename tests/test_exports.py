@@ -125,6 +125,15 @@ def test_numpy_draws_jumps_and_readings(sensor, rng):
     agree(space["gyroscope"](SAMPLES, TRIALS, rng), a.second_order, 0.0)
 
 
+def test_numpy_draws_bursts_of_noise(sensor, rng):
+    a = sensor(WALK | dict(effects=[dict(name="noise_bursts", parameters=dict(
+        quiet=0.3, duration=0.1, sigma=300.0))]))
+    space = {}
+    exec(TARGETS["numpy"]([a]).text, space)
+    agree(space["gyroscope"](SAMPLES, TRIALS, rng), a.second_order, 0.0)
+    assert "bursts of noise of the gyroscope" in TARGETS["kalibr"]([a]).text
+
+
 def test_isaac_lab_draws_the_noise_and_a_bias_as_large_as_the_drift(sensor, rng):
     a = sensor(WALK, bias=30.0)
     horizon = SAMPLES * DT

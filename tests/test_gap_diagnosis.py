@@ -119,6 +119,27 @@ def test_a_scale_factor_that_depends_on_temperature_is_unknown():
     assert d.after.p_place["covariate"] < 1e-4
 
 
+@pytest.mark.parametrize("quiet, duration, sigma", [
+    (400.0, 60.0, 1.6), *(pytest.param(*own, marks=pytest.mark.large) for own in (
+        (1000.0, 150.0, 2.5), (300.0, 20.0, 3.0)))])
+def test_bursts_of_noise_are_named(quiet, duration, sigma):
+    record, rng = generator.record(640, 3), np.random.default_rng(5)
+    loud = np.repeat([False, True] * 40, np.column_stack([
+        rng.geometric(1.0 / quiet, 40), rng.geometric(1.0 / duration, 40)]).ravel())
+    sigma *= record["parameters"]["sigma_v"]
+    record["error"] = record["clean"] + sigma * loud[:generator.N] * (
+        rng.standard_normal(generator.N))
+    d = diagnosed(record)
+    assert d.verdict == "noise_bursts" and d.after.p_value > 0.01
+    for name, truth in dict(quiet=quiet, duration=duration, sigma=sigma).items():
+        mean, sd = d.found[0].values[name]
+        assert abs(mean - truth) < 3.0 * sd, name
+    # it is beside what else there may be, and what else is found beside it
+    record["error"] = record["error"] + 4.0 * sigma * (np.arange(generator.N) > 1500)
+    assert diagnosed(record).verdict in ("bias_step+noise_bursts",
+                                         "noise_bursts+bias_step")
+
+
 @pytest.mark.parametrize("effect", ["pulse", *(
     pytest.param(e, marks=pytest.mark.large)
     for e in ("second_order_drift", "hysteresis"))])

@@ -169,6 +169,12 @@ def test_simulated_noises_have_the_variance_that_is_written():
     y = drawn("random_telegraph", dwell=30.0, size=6.0)
     assert_allclose(y.var(), 10.0, rtol=0.1)
     assert np.count_nonzero(np.diff(y > 0.0)) == pytest.approx(20000 / 30, rel=0.15)
+    y = drawn("noise_bursts", quiet=60.0, duration=20.0, sigma=7.0)
+    assert_allclose(y.var(), 1.0 + 0.25 * 49.0, rtol=0.15)
+    # the size is alike as long as a burst lasts
+    size = y**2 - y.var()
+    seen = np.mean(size[10:] * size[:-10]) / np.mean(size[1:] * size[:-1])
+    assert_allclose(seen, np.exp(-9.0 / 15.0), atol=0.12)
     y = altered(*(Found(CATALOGUE[name], values=values) for name, values in (
         ("saturation", dict(limits=[-1.0, 2.0])),
         ("quantization", dict(lsb=0.25)),
@@ -208,3 +214,12 @@ def test_a_low_pass_does_not_smooth_the_rounding():
     h = h.joined(Found(CATALOGUE["quantization"], values=fixed(lsb=1.2)))
     filt = h.with_effect(CATALOGUE["bandwidth"]).filter(DT, np.array([2.0, 1.2, 5.0]))
     assert_allclose(filt.Psi, np.sqrt(1.2**2 / 12.0))    # all the rest is correlated
+
+
+def test_of_two_levels_a_simulator_takes_one():
+    both = [Found(CATALOGUE[name], values=fixed(**values)) for name, values in (
+        ("random_telegraph", dict(dwell=30.0, size=6.0)),
+        ("noise_bursts", dict(quiet=60.0, duration=20.0, sigma=7.0)))]
+    with pytest.raises(ValueError, match="takes one of them"):
+        simulate_effects(Simulator(MODEL[:1], (tuple(both),)), Scene(
+            np.zeros(100), DT, {}))

@@ -1,6 +1,7 @@
 """Evidence by sampling against grids, quadrature and sums."""
 
 import generator
+import naive
 import numpy as np
 import pytest
 from conftest import DT, MODEL, member
@@ -10,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 import sensorid
 from sensorlab import Scene
-from sensorlab.gap import account, evidence, filters
+from sensorlab.gap import account, evidence, filters, screens
 from sensorlab.gap.catalogue import MIN_SIDE
 
 
@@ -113,6 +114,19 @@ def test_evidence_of_an_unknown_onset_is_the_sum_over_all(effect):
         lambda theta: filters.log_likelihoods(h, scene, (), theta)[:, None],
         h.parameters, move=evidence.onset_law(h, scene, ()))
     assert abs(s.log_evidence[0] - exact) < 0.1
+
+
+def test_a_screen_of_bursts_is_the_sum_over_all_histories():
+    rng = np.random.default_rng(4)
+    first, second = rng.standard_normal((2, 9))
+    begin, end = np.array([0.1, 0.4]), np.array([0.3, 0.2])
+    told, gain = np.empty((2, 9)), np.zeros(2)
+    screens._sum_histories(first, second, begin, end, told, gain)
+    for k in range(2):
+        paths, chance = naive.histories(begin[k], end[k], 9)
+        law = np.exp(np.where(paths, second, first).sum(1))
+        assert_allclose(gain[k], np.log(chance @ law))
+        assert_allclose(told[k, -1], (chance * law) @ paths[:, -1] / (chance @ law))
 
 
 @pytest.mark.parametrize("number, effects", [

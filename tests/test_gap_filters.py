@@ -118,6 +118,29 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
     assert_allclose(p.log_likelihood[0, 0], np.log(total), rtol=1e-10)
 
 
+def test_bursts_of_noise_in_white_noise_are_a_hidden_markov_chain():
+    h = sensorid.hypothesis("white_noise", sigma_v=0.5, bias_sigma=0.0)
+    y = np.random.default_rng(2).standard_normal(10)
+    y[4] = np.nan
+    scene = Scene(y, DT, {})
+    h, quiet, duration, sigma = member(scene, h, "noise_bursts"), 7.0, 3.0, 1.5
+    begin, end = 1.0 - np.exp(-DT / quiet), 1.0 - np.exp(-DT / duration)
+    paths, chance = naive.histories(begin, end, 10)
+    assert_allclose(chance.sum(), 1.0)
+    law = np.where(np.isnan(y), 1.0, norm.pdf(y, 0.0, np.sqrt(
+        0.25 + paths * sigma**2))).prod(1)
+    p = filters.predict(h, scene, (), np.array([[0.5, quiet, duration, sigma]]))
+    assert_allclose(p.log_likelihood[0, 0], np.log(chance @ law), rtol=1e-10)
+    loud = kernels.smoothed(p.second[0, 0], begin, end)
+    assert_allclose(loud, (chance * law) @ paths / (chance @ law), rtol=1e-9)
+    # the predictive law of the last sample, from all others
+    first = np.where(np.isnan(y), 1.0, norm.pdf(y, 0.0, np.sqrt(
+        0.25 + paths * sigma**2)))[:, :9].prod(1)
+    cdf = norm.cdf(y[9], 0.0, np.sqrt(0.25 + paths[:, 9] * sigma**2))
+    assert_allclose(norm.cdf(p.z[0, 0, 9]), (chance * first) @ cdf / (chance @ first),
+                    rtol=1e-9)
+
+
 def test_processes_of_two_states_are_those_of_the_dense_gaussian():
     y = np.random.default_rng(2).standard_normal(60)
     y[20:25] = np.nan
@@ -151,7 +174,7 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
     y = np.random.default_rng(2).standard_normal((2, 60))
     y[:, 20:25] = np.nan
     r, outlier = np.array([[0.3], [0.2]]), np.array([[0.05, 9.0]] * 2)
-    jump = np.array([[0.1, 0.7]] * 2)
+    jump = np.array([[0.1, 0.2, 0.7, 0.4]] * 2)
     band = sensorid.shaping_filter(*np.array([
         [[0.6, -0.7], [0.7, 0.6]], [[0.5, 0.1], [0.0, 0.4]]]), [1.0, 0.0], 0.0, None,
         [[1.0, 0.2], [0.2, 0.8]])
@@ -164,7 +187,7 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
         h = sensorid.hypothesis(lambda dt: join(turned, (0.9, 0.4, 1.0)), "turned")
         one = filters.parts_of(h, sensorid.bank(h, DT, np.empty((2, 0))))
         assert_array_equal(one.pair, [1, 0, 2])
-        out = np.full((2, 2, 4, 60), np.nan)
+        out = np.full((2, 2, 5, 60), np.nan)
         total = kernels.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
                                         one.later, r, outlier, jump, out)
         said.append((total, out, *kernels.adjoint(

@@ -24,8 +24,13 @@ OUTLIERS = '''
     y[far] += {sigma!r} * rng.standard_normal(far.sum())'''
 LEVELS = '''
     level = rng.integers(2, size=(trials, 1)) + np.cumsum(
-        rng.random(y.shape) < {change!r}, axis=1)
+        rng.random(y.shape) < {begin!r}, axis=1)
     y += {half!r} * (2.0 * (level % 2) - 1.0)'''
+BURSTS = '''
+    loud = rng.random(trials) < {share!r}
+    for i in range(samples):
+        loud = rng.random(trials) < np.where(loud, 1.0 - {end!r}, {begin!r})
+        y[:, i] += {sigma!r} * loud * rng.standard_normal(trials)'''
 LIMITS = "\n    y = np.clip(y, {low!r}, {high!r})"
 ROUNDING = "\n    y = {lsb!r} * np.round(y / {lsb!r})"
 
@@ -42,9 +47,15 @@ def numpy(axes, choice=Choice()):
 
 
 def _function(axis):
-    filt, (rate, sigma, change, half) = axis.filt, axis.jumps
-    more = OUTLIERS.format(rate=rate, sigma=sigma) * bool(rate)
-    more += LEVELS.format(change=change, half=half) * bool(half)
+    filt, own = axis.filt, axis.jumps
+    more = ""
+    if own.rate:
+        more += OUTLIERS.format(rate=own.rate, sigma=own.variance**0.5)
+    if own.half:
+        more += LEVELS.format(begin=own.begin, half=own.half)
+    if own.louder:
+        more += BURSTS.format(share=own.share, begin=own.begin, end=own.end,
+                              sigma=own.louder**0.5)
     if np.isfinite(axis.limits).any():
         low, high = (float(v) if np.isfinite(v) else None for v in axis.limits)
         more += LIMITS.format(low=low, high=high)

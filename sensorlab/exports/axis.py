@@ -6,7 +6,7 @@ import numpy as np
 
 from sensorid import ShapingFilter, model_allan_variance
 from sensorlab.gap.catalogue import beside
-from sensorlab.gap.effects import Scene, members
+from sensorlab.gap.effects import Jumps, Scene, members
 from sensorlab.units import SI, factor, kind_of
 
 
@@ -29,7 +29,7 @@ class Axis(NamedTuple):
     dt: float             # s
     bias: float           # standard deviation of the constant part
     filt: ShapingFilter   # what is drawn
-    jumps: tuple          # rate and sigma of outliers, change and half of a level
+    jumps: Jumps
     lsb: float
     limits: tuple         # infinite where there is none
     strange: tuple        # of str: what of the model is not here
@@ -41,12 +41,13 @@ class Axis(NamedTuple):
     @property
     def second_order(self):
         """A filter of the same covariance: jumps and rounding become noise."""
-        rate, sigma, change, half = self.jumps
+        own, more = self.jumps, self.lsb**2 / 12.0
+        more += own.rate * own.variance
+        if own.louder:
+            more += own.share * own.louder
         filt = self.filt._replace(Psi=np.sqrt(
-            self.filt.Psi.max(keepdims=True)**2 + rate * sigma**2 + self.lsb**2 / 12.0))
-        if not half:
-            return filt
-        return beside(filt, [1.0 - 2.0 * change], [half])
+            self.filt.Psi.max(keepdims=True)**2 + more))
+        return beside(filt, [1.0 - 2.0 * own.begin], [own.half]) if own.half else filt
 
     def allan_variance(self, m):
         """Expected Allan variance at averaging times of m samples."""
@@ -110,14 +111,14 @@ def axis(model, unit=None, duration=3600.0):
     scene = Scene(np.zeros(round(duration / model.dt)), model.dt, {})
     (member,), ((h, effects),) = members(model.simulator, scene), model.simulator.pairs
     theta = np.array([p.mean for p in member.parameters])
-    jumps = member.jumps(theta[None])
+    jumps = Jumps(*(float(part[0]) for part in member.jumps(theta[None])))
     readings = {symbol: value for one in effects if one.effect.reading
                 for symbol, value in one.values.items()}
     return Axis(
         kind, "+".join([h.model.__name__, *(one.name for one in effects)]), model.dt,
         si * h.bias_sigma, _scaled(member.filter(model.dt, theta), si),
-        (float(jumps.rate[0]), si * float(np.sqrt(jumps.variance[0])),
-         float(jumps.change[0]), si * float(jumps.half[0])),
+        jumps._replace(variance=si**2 * jumps.variance, half=si * jumps.half,
+                       louder=si**2 * jumps.louder),
         si * readings.get("lsb", 0.0),
         tuple(si * np.array(readings.get("limits", [-np.inf, np.inf]))),
         tuple(_strange(effects)))

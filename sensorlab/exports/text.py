@@ -117,9 +117,12 @@ def readings(axis):
 
 def jumps(axis):
     """Noise that is not Gaussian in words, for programs that have none."""
-    if axis.jumps[0]:
+    if axis.jumps.rate:
         yield (f"outliers of the {axis.kind}: white noise of the same variance stands "
                "for them")
-    if axis.jumps[3]:
+    if axis.jumps.half:
         yield (f"the two levels of the {axis.kind}: a Markov process of the same "
                "covariance stands for them")
+    if axis.jumps.louder:
+        yield (f"bursts of noise of the {axis.kind}: white noise of the same variance "
+               "on average stands for them")

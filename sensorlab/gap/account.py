@@ -11,8 +11,8 @@ from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, predict
-from sensorlab.gap.screens import (
-    STRENGTHS, change_of_drive, law_of_outliers, usual_variance)
+from sensorlab.gap.kernels import smoothed
+from sensorlab.gap.screens import LAWS, STRENGTHS, change_of_drive, usual_variance
 from sensorlab.gap.spectra import posterior_law
 
 
@@ -163,34 +163,48 @@ def _as_process(effect):
     """A level of two values as a process of its covariance."""
     def model(scene, filt, **values):
         jumps = effect.jumps(scene.dt, **values)
-        return _level_as_noise(scene, filt, jumps.change, jumps.half)
+        return _level_as_noise(scene, filt, jumps.begin, jumps.half)
     return effect._replace(model=model, jumps=None, elementwise=True)
 
 
 def _as_processes(h):
-    """A hypothesis without outliers, its levels as processes."""
+    """A hypothesis without outliers and bursts, its levels as processes."""
     return h._replace(effects=tuple(
         one._replace(effect=_as_process(one.effect)) if one.effect.jumps else one
-        for one in h.effects if one.name != "outliers"))
+        for one in h.effects if one.name not in LAWS))
 
 
 def _odd(h, scene, signatures, other, theta):
-    """Probability (N,) that samples are outliers, if a hypothesis has them; keys, mean
-    and covariance of their parameters if another, which is at theta (p,), has none.
+    """Probability (N,) that samples are outliers, or in a burst, if a hypothesis has
+    such; keys, mean and covariance of their parameters if another, which is at theta
+    (p,), has none.
     """
     nothing = (), np.zeros(0), np.zeros((0, 0))
-    (own,) = [one for one in h.effects if one.name == "outliers"] or (None,)
-    if own is None:
-        return np.zeros(len(scene.y)), nothing
+    known = [one.key for one in other.effects]
+    odd, own = np.zeros(len(scene.y)), [one for one in h.effects if one.name in LAWS]
+    if not own:
+        return odd, nothing
     seen = predict(other, scene, signatures, theta[None])
-    if any(one.name == "outliers" for one in other.effects):
-        return seen.odd[0, 0], nothing
-    z = seen.z[0, 0]
-    variance = usual_variance(z, seen.log_score[0, 0])
-    if np.isnan(variance):
-        return np.zeros(len(z)), nothing
-    odd, *law = law_of_outliers(scene, own.effect, z, variance)
-    return odd, ([(own.key, symbol) for symbol in own.values], *law)
+    if other.has_jumps:
+        odd = _not_usual(other, seen, theta)
+    z = np.where(odd > 0.5, np.nan, seen.z[0, 0])
+    variance, new = usual_variance(z, seen.log_score[0, 0]), [
+        one for one in own if one.key not in known]
+    if np.isnan(variance) or not new:
+        return odd, nothing
+    (one,) = new
+    more, *law = LAWS[one.name](scene, one.effect, z, variance)
+    return np.maximum(odd, more), ([(one.key, symbol) for symbol in one.values], *law)
+
+
+def _not_usual(h, seen, theta):
+    """Probability (N,) that samples are outliers or in a burst, of a hypothesis with
+    jumps at theta (p,).
+    """
+    jumps, odd = h.jumps(theta[None]), np.nan_to_num(seen.odd[0, 0])
+    if not jumps.louder[0]:
+        return odd
+    return np.maximum(odd, smoothed(seen.second[0, 0], jumps.begin[0], jumps.end[0]))
 
 
 def _is_same(p, q):
@@ -222,24 +236,34 @@ def _level_as_noise(scene, filt, change, half):
     return beside(filt, [1.0 - 2.0 * change], [half])
 
 
+def _louder_at_times(scene, filt, variance, share):
+    return filt._replace(Psi=np.sqrt(filt.Psi**2 + share * variance))
+
+
 LEVEL_AS_NOISE = Effect("level_as_noise", model=_level_as_noise, elementwise=True)
 
 
 def gaussian(scene, acc):
     """Scene and hypotheses without jumps: sure outliers are masked, a level of two
-    values becomes the Markov process of its covariance.
+    values becomes the Markov process of its covariance, bursts a variance at their
+    times.
     """
     if not acc.member.has_jumps:
         return scene, acc.hypotheses
-    odd = predict(acc.member, scene, acc.signatures, acc.theta[None]).odd[0, 0]
-    masked = scene._replace(y=np.where(odd > 0.5, np.nan, scene.y))
-    plain = []
+    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
+    masked = scene._replace(y=np.where(seen.odd[0, 0] > 0.5, np.nan, scene.y))
+    plain, own = [], acc.member.jumps(acc.theta[None])
+    louder = Effect("louder_at_times", elementwise=True, model=functools.partial(
+        _louder_at_times, share=smoothed(seen.second[0, 0], own.begin[0], own.end[0]))
+    ) if own.louder[0] else None
     for h, sample in zip(acc.hypotheses, acc.samples):
         effects = tuple(one for one in h.effects if not one.effect.jumps)
         jumps = h.jumps(sample.mean[None])
         if jumps.half[0] > 0.0:
-            effects += (Found(LEVEL_AS_NOISE, values=fixed(change=jumps.change[0],
+            effects += (Found(LEVEL_AS_NOISE, values=fixed(change=jumps.begin[0],
                                                            half=jumps.half[0])),)
+        if louder:
+            effects += (Found(louder, values=fixed(variance=jumps.louder[0])),)
         plain.append(h._replace(effects=effects))
     return masked, tuple(plain)
 

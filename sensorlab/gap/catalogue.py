@@ -289,7 +289,13 @@ def _outliers(dt, rate, sigma):
 
 
 def _telegraph(dt, dwell, size):
-    return Jumps(change=-0.5 * np.expm1(-2.0 * dt / dwell), half=0.5 * size)
+    change = -0.5 * np.expm1(-2.0 * dt / dwell)
+    return Jumps(begin=change, end=change, half=0.5 * size)
+
+
+def _noise_bursts(dt, quiet, duration, sigma):
+    return Jumps(begin=-np.expm1(-dt / quiet), end=-np.expm1(-dt / duration),
+                 louder=sigma**2)
 
 
 # ---- readings: (scene, y, **values) alters the values y (..., N) in place
@@ -449,6 +455,7 @@ MIN_PULSE = 3     # samples: fewer are outliers
 MIN_SHAPED = 8    # of a pulse: fewer have no shape but a rectangle
 MIN_RINGING = 16    # of a ringing, or a burst: fewer are outliers
 MIN_SLOW = 64     # of a slow step: fewer are a step
+MIN_BURST = 8    # samples of a burst of noise: fewer are outliers
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
 
 
@@ -616,6 +623,15 @@ CATALOGUE = {effect.name: effect for effect in (
                     "sigma in u",
            resembles="noise step, random telegraph",
            experiment="log the raw bus: are they transmission errors?"),
+    Effect("noise_bursts", jumps=_noise_bursts,
+           parameters=lambda s: (
+               _log("quiet", MIN_BURST * s.dt, s.duration),
+               _log("duration", MIN_BURST * s.dt, s.duration / 4.0),
+               _log("sigma", 0.5 * s.white, 30.0 * s.white)),
+           equation="y + N(0, sigma^2) in every sample of a burst; bursts last for "
+                    "duration and are quiet apart on average, in s; sigma in u",
+           resembles="outliers in clusters, noise step",
+           experiment="look for what runs at times: a fan, a motor, a radio"),
     Effect("random_telegraph", jumps=_telegraph,
            parameters=lambda s: (_log("dwell", 3.0 * s.dt, s.duration / 4),
                                  _log("size", 0.1 * s.white, 2.0 * _spread(s))),

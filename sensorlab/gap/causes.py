@@ -395,6 +395,8 @@ def _has_room(effect, acc):
     if effect.search == "onset" and acc.member.onsets:    # one change of noise
         return False
     richer = [h.with_effect(effect) for h in acc.hypotheses]
+    if richer[0].levels > 1:
+        return False
     filters = [h.filter(h.scene.dt, np.array([p.mean for p in h.parameters]))
                for h in richer]
     return max(len(f.m0) for f in filters) <= MOST_STATES and (

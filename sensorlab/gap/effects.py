@@ -50,12 +50,21 @@ def _times(samples, dt):
 
 
 class Jumps(NamedTuple):
-    """Noise that is not Gaussian: outliers, and a level that is one of two."""
+    """Noise that is not Gaussian: outliers, and a level, of the value or of the noise,
+    that is one of two.
+    """
 
     rate: np.ndarray = 0.0        # probability that a sample is an outlier
     variance: np.ndarray = 0.0    # of an outlier, u^2
-    change: np.ndarray = 0.0      # probability that the level changes, a sample
+    begin: np.ndarray = 0.0       # probability that the second level begins, a sample
+    end: np.ndarray = 0.0         # that it ends
     half: np.ndarray = 0.0        # half the distance of the two levels, u
+    louder: np.ndarray = 0.0      # variance that the second adds to the noise, u^2
+
+    @property
+    def share(self):
+        """Of time that the second level has."""
+        return self.begin / (self.begin + self.end)
 
 
 def nothing(scene):
@@ -234,7 +243,7 @@ class Member(NamedTuple):
     def jumps(self, theta):
         """`Jumps` at theta (M, p), each part (M,)."""
         theta = self.in_units(theta)
-        parts = [Jumps(*np.zeros((4, len(theta)))), *(
+        parts = [Jumps(*np.zeros((len(Jumps._fields), len(theta)))), *(
             one.effect.jumps(self.scene.dt, **self.of(one, theta))
             for one in self.effects if one.effect.jumps)]
         return Jumps(*(sum(part) for part in zip(*parts)))
@@ -242,6 +251,13 @@ class Member(NamedTuple):
     @property
     def has_jumps(self):
         return any(one.effect.jumps for one in self.effects)
+
+    @property
+    def levels(self):
+        """How many of its effects are a level that is one of two: filters take one."""
+        return sum(bool(one.effect.jumps) and np.any(one.effect.jumps(self.scene.dt, **{
+            symbol: p.mean for symbol, p in one.values.items()}).begin)
+            for one in self.effects)
 
     @property
     def onsets(self):
@@ -303,6 +319,9 @@ def members(simulator, scene):
                 member = member.joined(one._replace(values={
                     p.symbol: one.values[p.symbol]
                     for p in one.effect.parameters(scene)}))
+        if member.levels > 1:
+            raise ValueError(f"{h.name} has both random_telegraph and noise_bursts: a "
+                             "simulator takes one of them")
         result.append(member)
     return tuple(result)
 
@@ -381,14 +400,27 @@ def columns_of(scene, effect, column, variant, psi):
 
 
 def add_jumps(y, jumps, rng):
-    """Outliers and a level of two values added to y in place."""
+    """Outliers, a level of two values and bursts of noise added to y in place."""
     if jumps.rate > 0.0:
         at = rng.random(len(y)) < jumps.rate
         y[at] += np.sqrt(jumps.variance) * rng.standard_normal(at.sum())
     if jumps.half > 0.0:
-        change = rng.random(len(y)) < jumps.change
+        change = rng.random(len(y)) < jumps.begin
         level = (rng.integers(2) + np.cumsum(change)) % 2
         y += jumps.half * (2.0 * level - 1.0)
+    if jumps.louder > 0.0:
+        for part in _bursts(len(y), jumps, rng):
+            y[part] += np.sqrt(jumps.louder) * rng.standard_normal(len(y[part]))
+
+
+def _bursts(N, jumps, rng):
+    """Slices of N samples at which the second level is, one after another."""
+    at, second = 0, rng.random() < jumps.share
+    while at < N:
+        end = at + rng.geometric(jumps.end if second else jumps.begin)
+        if second:
+            yield slice(at, end)
+        at, second = end, not second
 
 
 def describe(effect, scene=None):
@@ -401,7 +433,8 @@ def describe(effect, scene=None):
                                         "any column" if effect.column == "any" else
                                         f"a column {effect.column}"))
     if scene:
-        units = dict(onset="s", tau="s", dwell="s", frequency="Hz", sigma="u", size="u")
+        units = dict(onset="s", tau="s", dwell="s", quiet="s", duration="s",
+                     frequency="Hz", sigma="u", size="u")
         lines += [f"{p.symbol}: {'log-' if p.log else ''}uniform from {p.low:.4g} to "
                   f"{p.high:.4g} {units.get(p.symbol, '')}".rstrip()
                   for p in effect.parameters(scene)]

@@ -33,6 +33,7 @@ class Predicted(NamedTuple):
     z: np.ndarray                 # (R, M, N) normal scores of the samples
     odd: np.ndarray               # (R, M, N) probability of an outlier
     log_score: np.ndarray         # (R, M, N) ln of the predictive density
+    second: np.ndarray = None     # (R, M, N) probability of the second level
 
     __repr__ = brief
 
@@ -283,11 +284,11 @@ def predict(h, scene, signatures, theta, y=None, whole=True, known=None):
         return Predicted(np.nansum(log_score, axis=2), _within_limits(z),
                          np.broadcast_to(np.nan, z.shape), log_score)
     own, H = with_constants(h, scene, signatures, theta)
-    out = np.full((R, M, 4 if whole else 2, N), np.nan)
+    out = np.full((R, M, 5 if whole else 2, N), np.nan)
     total = _through_mixtures(h, own, H, theta, y, out)
     z = normal_score(out[:, :, 0], out[:, :, 1]) if h.has_jumps else out[:, :, 0]
     return Predicted(total, _within_limits(z), *(
-        (out[:, :, 2], out[:, :, 3]) if whole else (None, None)))
+        (out[:, :, k] for k in (2, 3, 4)) if whole else (None, None)))
 
 
 def _within_limits(z):

@@ -359,16 +359,18 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out):
 
     y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), later (M or 0,) and
     r (M, 1 or N) are the parts of `filters.Parts`; outlier (M, 2) = rate,
-    variance; jump (M, 2) = probability of a change of level, half the distance of the
-    levels (0: one level). out (R, M, 0, 2 or 4, N) gets of every sample the predictive
-    probabilities below and above it, that of its being an outlier, and its log density;
-    where nothing jumps, its normal score in place of the first.
+    variance; jump (M, 4) = probabilities that the second level begins and that it ends,
+    half the distance of the levels, variance that the second adds to the noise (both
+    0: one level). out (R, M, 0, 2 or 5, N) gets of every sample the predictive
+    probabilities below and above it, that of its being an outlier, its log density and
+    the probability of the second level; where nothing jumps, its normal score in place
+    of the first.
 
     One Gaussian per level is kept (interacting multiple models; Blom and Bar-Shalom,
     "The interacting multiple model algorithm", IEEE Trans. Autom. Control 33, 1988).
     """
     total = np.empty((len(y), own.shape[1]))
-    levels = 2 if jump[:, 1].max() > 0.0 else 1
+    levels = 2 if jump[:, 2:].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
     lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
     in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y, H,
@@ -388,20 +390,23 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
     for group in range(first, last):
         number = min(lanes, count - group * lanes)
         record, node = np.empty(lanes, np.int64), np.empty(all_lanes, np.int64)
-        rate, wider, offset = (np.empty(all_lanes), np.empty(all_lanes),
-                               np.empty(all_lanes))
-        change, value, mass = np.empty(lanes), np.empty(lanes), np.empty(lanes)
+        rate, wider, offset, louder = (np.empty(all_lanes), np.empty(all_lanes),
+                                       np.empty(all_lanes), np.empty(all_lanes))
+        change, value, mass = np.empty(all_lanes), np.empty(lanes), np.empty(lanes)
         for g in range(all_lanes):
             both, level = min(group * lanes + g % lanes, count - 1), g // lanes
             record[g % lanes], node[g] = both // M, both % M
             rate[g], wider[g] = outlier[node[g], 0], outlier[node[g], 1]
-            change[g % lanes] = jump[node[g], 0]
-            offset[g] = (2 * level - 1) * (levels - 1) * jump[node[g], 1]
+            change[g], louder[g] = jump[node[g], level], level * jump[node[g], 3]
+            offset[g] = (2 * level - 1) * (levels - 1) * jump[node[g], 2]
         parts, P = np.empty((6, n, all_lanes)), np.empty((n, n, all_lanes))
         load(own, pair, node, parts, P)
         x, Ph = np.zeros((n, all_lanes)), np.empty((n, all_lanes))
         apart = np.empty((n, lanes))
-        weight = np.full(by_level, 1.0 / levels)
+        weight, change_of = np.ones(by_level), change.reshape(by_level)
+        if levels == 2:    # as long after it began
+            weight[0] = change_of[1] / (change_of[0] + change_of[1])
+            weight[1] = 1.0 - weight[0]
         prior, share, here = weight.copy(), np.empty(by_level), np.empty(by_level)
         seen, nu, least, wild = (np.empty(by_level), np.empty(by_level),
                                  np.empty(by_level), np.zeros(by_level))
@@ -422,7 +427,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             if len(later):
                 drive(own, node, later, i, parts)
             if levels == 2:
-                _mix_levels(change, weight, prior, share, apart, x_of, P_of)
+                _mix_levels(change_of, weight, prior, share, apart, x_of, P_of)
             for g in range(lanes):
                 value[g] = y[record[g], i]
             for level in range(levels):
@@ -434,7 +439,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                 for g in range(all_lanes):
                     noise[g] = r[node[g], i]
             for g in range(all_lanes):
-                f[g] = noise[g]
+                f[g] = noise[g] + louder[g]
             turn_covariance(parts, pair, P)
             observe_covariance(parts, pair, h, P, Ph, f)
             turn(parts, pair, x)
@@ -487,9 +492,10 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             update_covariance(P, Ph, shrink)
             for g in range(number if rows else 0):
                 if seen[0, g] > 0.0:
-                    if rows == 4:
+                    if rows > 2:
                         out[record[g], node[g], 3, i] = (
                             np.log(mass[g]) - least[0, g] - 0.5 * LOG_2PI)
+                        out[record[g], node[g], 4, i] = 1.0 - weight[0, g]
                     if levels * kinds == 1:
                         out[record[g], node[g], 0, i] = nu[0, g] * np.sqrt(per_f[0, g])
                         continue
@@ -497,7 +503,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                                                     wild, per_f, all_nu)
                     out[record[g], node[g], 0, i] = below
                     out[record[g], node[g], 1, i] = above
-                    if rows == 4:
+                    if rows > 2:
                         out[record[g], node[g], 2, i] = odd
         for g in range(number):
             total[record[g], node[g]] = -log_f[g]
@@ -534,21 +540,21 @@ def exponentials(x, power, bits):
 def _mix_levels(change, weight, prior, share, apart, x, P):
     """What each of two levels is before a sample: part of it was the other before.
 
-    weight, prior and share (2, lanes), x (n, 2, lanes), P (n, n, 2, lanes).
+    change, weight, prior and share (2, lanes), x (n, 2, lanes), P (n, n, 2, lanes).
     """
-    n = len(apart)
+    n, lanes = apart.shape
     for level in range(2):
-        for g in range(len(change)):
-            stay = weight[level, g] * (1.0 - change[g])
-            prior[level, g] = stay + weight[1 - level, g] * change[g]
+        for g in range(lanes):
+            stay = weight[level, g] * (1.0 - change[level, g])
+            prior[level, g] = stay + weight[1 - level, g] * change[1 - level, g]
             share[level, g] = stay / prior[level, g]
     for s in range(n):
-        for g in range(len(change)):
+        for g in range(lanes):
             apart[s, g] = x[s, 0, g] - x[s, 1, g]
             x[s, 0, g] -= (1.0 - share[0, g]) * apart[s, g]
             x[s, 1, g] += (1.0 - share[1, g]) * apart[s, g]
         for t in range(s + 1):
-            for g in range(len(change)):
+            for g in range(lanes):
                 more = P[s, t, 0, g] - P[s, t, 1, g]
                 both = apart[s, g] * apart[t, g]
                 P[s, t, 0, g] -= (1.0 - share[0, g]) * (more - share[0, g] * both)
@@ -570,6 +576,24 @@ def _sample_law(g, lanes, rate, prior, weight, wild, per_f, nu):
             below += rest if e > 0.0 else tail
             above += tail if e > 0.0 else rest
     return below, above, odd
+
+
+@njit(**KERNEL)
+def smoothed(so_far, begin, end):
+    """Probabilities (N,) of a second level by all samples, from those by the samples so
+    far, NaN where none is seen; chances that it begins and ends, a sample.
+    """
+    result, before = so_far.copy(), begin / (begin + end)
+    for i in range(len(result)):
+        if np.isnan(result[i]):
+            result[i] = before * (1.0 - end) + (1.0 - before) * begin
+        before = result[i]
+    for i in range(len(result) - 2, -1, -1):
+        here = result[i]
+        there = here * (1.0 - end) + (1.0 - here) * begin    # by the samples so far
+        stays = (1.0 - end) * result[i + 1] / there
+        result[i] = here * (stays + end * (1.0 - result[i + 1]) / (1.0 - there))
+    return result
 
 
 def adjoint(y, observed, h, own, pair, later, r):

@@ -26,7 +26,7 @@ def _line_information(turn, count, a, q, r, J):
     turn (m,) = |1 - exp(-i w)|^2.
     """
     for node in range(len(J)):
-        low, high = r[node, 0], r[node, -1]
+        low, high = r[node].min(), r[node].max()
         share = (r[node].mean() - low) / (high - low) if high != low else 0.0
         for j in range(len(turn)):
             S = spectrum(a[node], q[node], turn[j])
@@ -114,7 +114,7 @@ def _waves(scene, family, one, n):
     turn[0] = 0.01 * turn[1]    # at rest a walk has infinite power
     power, J = np.fft.rfft(np.abs(np.fft.fft(envelope))**2), 0.0
     for _, own in one.spectra:    # where the noise changes, at its quietest
-        for level in own.r[0, [0, -1]]:
+        for level in {own.r[0].min(), own.r[0].max()}:
             inverse = np.zeros((1, L))
             _line_information(turn, 2.0, own.a, own.q, np.array([[level]]), inverse)
             J = np.maximum(J, 0.5 / L * np.fft.irfft(

@@ -5,10 +5,12 @@ noise. Where they see nothing, the filters that would tell exactly need not run.
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import LOG_2PI, side_by_side
 from sensorlab.gap.filters import predict
+from sensorlab.gap.kernels import KERNEL, smoothed
 
 FEW = -2.0        # ln B below which a screen has the last word
 ONSETS = 2048     # at most, that are tried
@@ -16,6 +18,9 @@ RATIOS = 33       # values of a parameter that are tried
 STRENGTHS = 13    # of the noise of states, that are tried
 NORMAL_MEDIAN = 0.6745    # of |z|
 SCALES = np.geomspace(0.5, 1.05, 25)    # of the other samples, where some are outliers
+QUIET_SCALES = np.geomspace(0.5, 1.0, 4)    # of the samples outside bursts
+OF_BURSTS = 5     # values of each of their parameters that are tried
+PARTS = 2**14     # of a record, at most, each of which is in a burst or not
 
 
 def screened(effect, scene, z, variance):
@@ -73,6 +78,78 @@ def _outliers(scene, values, z, variance):
         best = np.maximum(best, np.log(law + 1e-300) @ count)
     scale = np.sqrt(square @ count / count.sum())
     return best - count @ (-0.5 * square / scale**2 - np.log(scale))
+
+
+def _bursts(scene, values, z, variance):
+    """Gains (quiets, durations, sigmas) of the log-likelihood over that of even noise.
+    """
+    return _gains_of_bursts(scene, [v[_some(len(v))] for v in values], z, variance
+                            ).max(0)
+
+
+def _some(count):
+    """Numbers of OF_BURSTS of so many values, evenly."""
+    return ((np.arange(OF_BURSTS) + 0.5) * count / OF_BURSTS).astype(int)
+
+
+def _gains_of_bursts(scene, values, z, variance):
+    """The same for all scales of the samples outside bursts, the first axis."""
+    quiet, duration, sigma = values
+    parts, time = _Parts.of(z), scene.dt * -(-len(z) // PARTS)
+    begin, end = (-np.expm1(-time / t).ravel() for t in np.meshgrid(
+        quiet, duration, indexing="ij"))
+    gain = np.zeros((len(QUIET_SCALES), len(sigma), len(begin)))
+    for own, scale in zip(gain, QUIET_SCALES):
+        for one, s in zip(own, sigma):
+            _sum_histories(*parts.laws(scale, s**2 / variance), begin, end,
+                           np.empty((0, 0)), one)
+    return gain.reshape(*gain.shape[:2], len(quiet), -1).transpose(0, 2, 3, 1)
+
+
+class _Parts(NamedTuple):
+    """Normal scores, by parts of a record."""
+
+    square: np.ndarray    # (P,) sums
+    count: np.ndarray     # (P,) of samples seen
+
+    @classmethod
+    def of(cls, z):
+        begin = np.arange(0, len(z), -(-len(z) // PARTS))
+        return cls(np.add.reduceat(np.nan_to_num(z)**2, begin),
+                   np.add.reduceat(~np.isnan(z) * 1.0, begin))
+
+    def laws(self, scale, wide):
+        """Log-likelihoods (P,), over those of even noise, without and with a burst that
+        adds a variance, at a scale of the noise outside.
+        """
+        even = self.square.sum() / self.count.sum()
+        return [-0.5 * (self.count * np.log(v / even) + self.square * (
+            1.0 / v - 1.0 / even)) for v in (scale**2 * even, scale**2 * even + wide)]
+
+
+@njit(**KERNEL)
+def _sum_histories(first, second, begin, end, told, gain):
+    """Sums over all histories of a level that is one of two, whose log-likelihoods by
+    part are first and second (P,): their logarithms are added to gain (K,).
+
+    begin and end (K,) are the chances that the second level begins and ends, a part;
+    told (K or 0, P) gets the probability that it is there by all parts so far.
+    """
+    p, product = begin / (begin + end), np.ones(len(begin))
+    for part in range(len(first)):
+        odds = np.exp(min(second[part] - first[part], 80.0))
+        for k in range(len(p)):
+            before = p[k] * (1.0 - end[k]) + (1.0 - p[k]) * begin[k]
+            mass = 1.0 - before + before * odds
+            p[k] = before * odds / mass
+            product[k] *= mass
+        for k in range(len(told)):
+            told[k, part] = p[k]
+        if part % 4 == 3 or part == len(first) - 1:    # of few, none is too large
+            for k in range(len(p)):
+                gain[k] += np.log(product[k])
+                product[k] = 1.0
+    gain += first.sum()
 
 
 LITTLE = 1.0    # ln B by a screen of a change of drive, below which its filters, which
@@ -134,4 +211,28 @@ def law_of_outliers(scene, effect, z, variance):
     return np.nan_to_num(1.0 / (1.0 + odds)), mean, cov
 
 
-SCREENS = dict(noise_step=_change_of_noise, outliers=_outliers)
+def law_of_bursts(scene, effect, z, variance):
+    """Probability (N,) that samples of these normal scores are in a burst of noise;
+    mean (3,) and covariance (3, 3) of its parameters in coordinates where their prior
+    is N(0, I).
+    """
+    u = (np.arange(OF_BURSTS) + 0.5) / OF_BURSTS
+    values = [p.quantile(u) for p in effect.parameters(scene)]
+    gain = _gains_of_bursts(scene, values, z, variance)
+    scale, *best = np.unravel_index(gain.argmax(), gain.shape)
+    x = np.stack(np.meshgrid(*3 * [ndtri(u)], indexing="ij"), -1).reshape(-1, 3)
+    w = logsumexp(gain, axis=0).ravel()
+    w = np.exp(w - logsumexp(w))
+    mean, cov = w @ x, np.cov(x.T, aweights=w, ddof=0) + np.eye(3) / OF_BURSTS
+    quiet, duration, sigma = (v[k] for v, k in zip(values, best))
+    parts, width = _Parts.of(z), -(-len(z) // PARTS)
+    begin, end = (-np.expm1(-width * scene.dt / np.array([t])) for t in (
+        quiet, duration))
+    told = np.empty((1, len(parts.count)))
+    _sum_histories(*parts.laws(QUIET_SCALES[scale], sigma**2 / variance), begin, end,
+                   told, np.zeros(1))
+    return np.repeat(smoothed(told[0], begin[0], end[0]), width)[:len(z)], mean, cov
+
+
+SCREENS = dict(noise_step=_change_of_noise, outliers=_outliers, noise_bursts=_bursts)
+LAWS = dict(outliers=law_of_outliers, noise_bursts=law_of_bursts)    # of odd samples

@@ -58,7 +58,7 @@ def odds(log_bayes):
 
 # ---- sizes
 
-SECONDS = "onset", "duration", "tau", "dwell", "vertex", "tau_m", "tau_n"
+SECONDS = ("onset", "duration", "quiet", "tau", "dwell", "vertex", "tau_m", "tau_n")
 OF_THE_RECORD = ("size", "amplitude", "sigma", "sigma_v", "sigma_m", "sigma_n", "lsb",
                  "limits")
 

@@ -29,7 +29,8 @@ PHRASES = dict(
     bias_instability="bias instability (flicker noise)",
     bandwidth="a limited bandwidth", noise_step="a change of the noise",
     walk_step="a change of what drives the random walk",
-    outliers="outliers", random_telegraph="random telegraph noise",
+    outliers="outliers", noise_bursts="bursts of noise",
+    random_telegraph="random telegraph noise",
     quantization="quantization", saturation="saturation", stuck="stuck samples",
     wrong_parameter="the right value of a parameter",
     unknown="something that no effect of the catalogue explains")
