@@ -125,13 +125,15 @@ def test_numpy_draws_jumps_and_readings(sensor, rng):
     agree(space["gyroscope"](SAMPLES, TRIALS, rng), a.second_order, 0.0)
 
 
-def test_numpy_draws_bursts_of_noise(sensor, rng):
-    a = sensor(WALK | dict(effects=[dict(name="noise_bursts", parameters=dict(
-        quiet=0.3, duration=0.1, sigma=300.0))]))
+@pytest.mark.parametrize("name, values, said", [
+    ("noise_bursts", dict(quiet=0.3, duration=0.1, sigma=300.0), "bursts of noise of"),
+    ("random_steps", dict(dwell=0.5, sigma=30.0), "the steps of")])
+def test_numpy_draws_bursts_and_steps(sensor, rng, name, values, said):
+    a = sensor(WALK | dict(effects=[dict(name=name, parameters=values)]))
     space = {}
     exec(TARGETS["numpy"]([a]).text, space)
     agree(space["gyroscope"](SAMPLES, TRIALS, rng), a.second_order, 0.0)
-    assert "bursts of noise of the gyroscope" in TARGETS["kalibr"]([a]).text
+    assert f"{said} the gyroscope" in TARGETS["kalibr"]([a]).text
 
 
 def test_isaac_lab_draws_the_noise_and_a_bias_as_large_as_the_drift(sensor, rng):

@@ -119,6 +119,20 @@ def test_a_scale_factor_that_depends_on_temperature_is_unknown():
     assert d.after.p_place["covariate"] < 1e-4
 
 
+@pytest.mark.parametrize("dwell, sigma", [
+    (300.0, 4.0), pytest.param(60.0, 3.0, marks=pytest.mark.large)])
+def test_a_level_that_steps_at_random_is_named(dwell, sigma):
+    record, rng = generator.record(640, 4), np.random.default_rng(6)
+    sigma *= record["parameters"]["sigma_v"]
+    record["error"] = record["clean"] + sigma * np.cumsum((rng.random(
+        generator.N) < 1.0 / dwell) * rng.standard_normal(generator.N))
+    d = diagnosed(record)
+    assert d.verdict == "random_steps" and d.after.p_value > 0.01
+    for name, truth in dict(dwell=dwell, sigma=sigma).items():
+        mean, sd = d.found[0].values[name]
+        assert abs(mean - truth) < 3.0 * sd, name
+
+
 @pytest.mark.parametrize("quiet, duration, sigma", [
     (400.0, 60.0, 1.6), *(pytest.param(*own, marks=pytest.mark.large) for own in (
         (1000.0, 150.0, 2.5), (300.0, 20.0, 3.0)))])

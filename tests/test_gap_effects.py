@@ -175,6 +175,10 @@ def test_simulated_noises_have_the_variance_that_is_written():
     size = y**2 - y.var()
     seen = np.mean(size[10:] * size[:-10]) / np.mean(size[1:] * size[:-1])
     assert_allclose(seen, np.exp(-9.0 / 15.0), atol=0.12)
+    steps = np.diff(drawn("random_steps", dwell=40.0, sigma=50.0))
+    far = np.abs(steps) > 6.0
+    assert far.mean() == pytest.approx(0.9 * (1.0 - np.exp(-1.0 / 40.0)), rel=0.1)
+    assert steps[far].std() == pytest.approx(53.0, rel=0.1)    # without the small ones
     y = altered(*(Found(CATALOGUE[name], values=values) for name, values in (
         ("saturation", dict(limits=[-1.0, 2.0])),
         ("quantization", dict(lsb=0.25)),

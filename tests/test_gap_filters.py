@@ -174,7 +174,7 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
     y = np.random.default_rng(2).standard_normal((2, 60))
     y[:, 20:25] = np.nan
     r, outlier = np.array([[0.3], [0.2]]), np.array([[0.05, 9.0]] * 2)
-    jump = np.array([[0.1, 0.2, 0.7, 0.4]] * 2)
+    jump = np.array([[0.1, 0.2, 0.7, 0.4, 0.8]] * 2)
     band = sensorid.shaping_filter(*np.array([
         [[0.6, -0.7], [0.7, 0.6]], [[0.5, 0.1], [0.0, 0.4]]]), [1.0, 0.0], 0.0, None,
         [[1.0, 0.2], [0.2, 0.8]])
@@ -189,7 +189,7 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
         assert_array_equal(one.pair, [1, 0, 2])
         out = np.full((2, 2, 5, 60), np.nan)
         total = kernels.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
-                                        one.later, r, outlier, jump, out)
+                                        one.later, r, outlier, jump, out, moved=2)
         said.append((total, out, *kernels.adjoint(
             np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, one.later,
             r)))
@@ -230,6 +230,27 @@ def test_telegraph_on_a_walk_is_close_to_the_sum_over_all_histories():
     # one Gaussian a level instead of one a history: half a nat for a change of level
     changes = n * change
     assert abs(np.mean(errors)) < 0.5 * changes and np.std(errors) < 1.0
+
+
+def test_steps_on_a_walk_are_close_to_the_sum_over_all_histories():
+    h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.3, bias_sigma=0.5)
+    dwell, sigma, n = 5.0, 2.0, 10
+    begin = 1.0 - np.exp(-DT / dwell)
+    paths = np.array(list(itertools.product((0, 1), repeat=n)))
+    prior = (begin**paths * (1.0 - begin)**(1 - paths)).prod(1)
+    t = np.arange(1, n + 1)
+    walk = 0.01 * np.minimum.outer(t, t) + 0.09 * np.eye(n) + 0.25
+    below = np.tri(n)
+    laws = [multivariate_normal(cov=walk + sigma**2 * (below * path) @ below.T)
+            for path in paths]
+    rng, errors = np.random.default_rng(4), []
+    for k in rng.choice(len(paths), 60, p=prior):
+        y = laws[k].rvs(random_state=rng)
+        exact = np.log(prior @ [law.pdf(y) for law in laws])
+        own = member(Scene(y, DT, {}), h, "random_steps")
+        p = filters.predict(own, own.scene, (), np.array([[0.1, 0.3, dwell, sigma]]))
+        errors.append(p.log_likelihood[0, 0] - exact)
+    assert abs(np.mean(errors)) < 0.2 and np.std(errors) < 0.5
 
 
 def test_backward_pass_gives_every_step_and_every_weighted_sum(short):

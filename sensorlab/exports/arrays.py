@@ -26,6 +26,9 @@ LEVELS = '''
     level = rng.integers(2, size=(trials, 1)) + np.cumsum(
         rng.random(y.shape) < {begin!r}, axis=1)
     y += {half!r} * (2.0 * (level % 2) - 1.0)'''
+STEPS = '''
+    y += {sigma!r} * np.cumsum((rng.random(y.shape) < {begin!r})
+                               * rng.standard_normal(y.shape), axis=1)'''
 BURSTS = '''
     loud = rng.random(trials) < {share!r}
     for i in range(samples):
@@ -53,6 +56,8 @@ def _function(axis):
         more += OUTLIERS.format(rate=own.rate, sigma=own.variance**0.5)
     if own.half:
         more += LEVELS.format(begin=own.begin, half=own.half)
+    if own.step:
+        more += STEPS.format(begin=own.begin, sigma=own.step**0.5)
     if own.louder:
         more += BURSTS.format(share=own.share, begin=own.begin, end=own.end,
                               sigma=own.louder**0.5)

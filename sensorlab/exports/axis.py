@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import ShapingFilter, model_allan_variance
-from sensorlab.gap.catalogue import beside
+from sensorlab.gap.catalogue import beside, join
 from sensorlab.gap.effects import Jumps, Scene, members
 from sensorlab.units import SI, factor, kind_of
 
@@ -47,6 +47,8 @@ class Axis(NamedTuple):
             more += own.share * own.louder
         filt = self.filt._replace(Psi=np.sqrt(
             self.filt.Psi.max(keepdims=True)**2 + more))
+        if own.step:
+            filt = join(filt, (1.0, np.sqrt(own.begin * own.step), 0.0))
         return beside(filt, [1.0 - 2.0 * own.begin], [own.half]) if own.half else filt
 
     def allan_variance(self, m):
@@ -118,7 +120,7 @@ def axis(model, unit=None, duration=3600.0):
         kind, "+".join([h.model.__name__, *(one.name for one in effects)]), model.dt,
         si * h.bias_sigma, _scaled(member.filter(model.dt, theta), si),
         jumps._replace(variance=si**2 * jumps.variance, half=si * jumps.half,
-                       louder=si**2 * jumps.louder),
+                       louder=si**2 * jumps.louder, step=si**2 * jumps.step),
         si * readings.get("lsb", 0.0),
         tuple(si * np.array(readings.get("limits", [-np.inf, np.inf]))),
         tuple(_strange(effects)))

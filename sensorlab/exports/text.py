@@ -123,6 +123,9 @@ def jumps(axis):
     if axis.jumps.half:
         yield (f"the two levels of the {axis.kind}: a Markov process of the same "
                "covariance stands for them")
+    if axis.jumps.step:
+        yield (f"the steps of the {axis.kind}: a random walk of the same covariance "
+               "stands for them")
     if axis.jumps.louder:
         yield (f"bursts of noise of the {axis.kind}: white noise of the same variance "
                "on average stands for them")

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import logsumexp, ndtri
 
 from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
-from sensorlab.gap.catalogue import beside
+from sensorlab.gap.catalogue import beside, join
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, predict
@@ -160,9 +160,11 @@ def _spread(keys, own, mean, cov, rest=None):
 
 @functools.cache
 def _as_process(effect):
-    """A level of two values as a process of its covariance."""
+    """A level of two values, or one that steps, as a process of its covariance."""
     def model(scene, filt, **values):
         jumps = effect.jumps(scene.dt, **values)
+        if np.any(jumps.step):
+            return _steps_as_walk(scene, filt, np.sqrt(jumps.begin * jumps.step))
         return _level_as_noise(scene, filt, jumps.begin, jumps.half)
     return effect._replace(model=model, jumps=None, elementwise=True)
 
@@ -236,17 +238,22 @@ def _level_as_noise(scene, filt, change, half):
     return beside(filt, [1.0 - 2.0 * change], [half])
 
 
+def _steps_as_walk(scene, filt, sigma_w):
+    return join(filt, (1.0, sigma_w, 0.0))
+
+
 def _louder_at_times(scene, filt, variance, share):
     return filt._replace(Psi=np.sqrt(filt.Psi**2 + share * variance))
 
 
 LEVEL_AS_NOISE = Effect("level_as_noise", model=_level_as_noise, elementwise=True)
+STEPS_AS_WALK = Effect("steps_as_walk", model=_steps_as_walk, elementwise=True)
 
 
 def gaussian(scene, acc):
     """Scene and hypotheses without jumps: sure outliers are masked, a level of two
-    values becomes the Markov process of its covariance, bursts a variance at their
-    times.
+    values becomes the Markov process of its covariance, steps become a walk, bursts a
+    variance at their times.
     """
     if not acc.member.has_jumps:
         return scene, acc.hypotheses
@@ -262,6 +269,9 @@ def gaussian(scene, acc):
         if jumps.half[0] > 0.0:
             effects += (Found(LEVEL_AS_NOISE, values=fixed(change=jumps.begin[0],
                                                            half=jumps.half[0])),)
+        if jumps.step[0] > 0.0:
+            effects += (Found(STEPS_AS_WALK, values=fixed(
+                sigma_w=np.sqrt(jumps.begin[0] * jumps.step[0]))),)
         if louder:
             effects += (Found(louder, values=fixed(variance=jumps.louder[0])),)
         plain.append(h._replace(effects=effects))

@@ -259,6 +259,11 @@ def _blue_noise(scene, filt, tau, sigma):
         [1.0, -1.0], [[variance, a * variance], [a * variance, variance]]))
 
 
+def _level(scene, filt, dwell, sigma):
+    """A level that nothing but jumps moves."""
+    return join(filt, (1.0, 0.0 * sigma, 0.0))
+
+
 def _noise_step(scene, filt, onset, ratio):
     first = np.searchsorted(scene.time, onset)
     if np.all(first == len(scene.y)):
@@ -291,6 +296,11 @@ def _outliers(dt, rate, sigma):
 def _telegraph(dt, dwell, size):
     change = -0.5 * np.expm1(-2.0 * dt / dwell)
     return Jumps(begin=change, end=change, half=0.5 * size)
+
+
+def _random_steps(dt, dwell, sigma):
+    begin = -np.expm1(-dt / dwell)    # in every sample anew
+    return Jumps(begin=begin, end=1.0 - begin, step=sigma**2)
 
 
 def _noise_bursts(dt, quiet, duration, sigma):
@@ -455,6 +465,7 @@ MIN_PULSE = 3     # samples: fewer are outliers
 MIN_SHAPED = 8    # of a pulse: fewer have no shape but a rectangle
 MIN_RINGING = 16    # of a ringing, or a burst: fewer are outliers
 MIN_SLOW = 64     # of a slow step: fewer are a step
+MIN_STEPS = 5    # in a record: fewer are bias steps
 MIN_BURST = 8    # samples of a burst of noise: fewer are outliers
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
 
@@ -639,6 +650,14 @@ CATALOGUE = {effect.name: effect for effect in (
                     "dwell in s, size in u",
            resembles="correlated noise",
            experiment="average less white noise away: two levels show in a histogram"),
+    Effect("random_steps", jumps=_random_steps, model=_level, elementwise=True,
+           parameters=lambda s: (
+               _log("dwell", 3.0 * s.dt, s.duration / MIN_STEPS),
+               _log("sigma", 0.3 * s.white, 3.0 * _spread(s))),
+           equation="y + L, L moves by N(0, sigma^2) at times that are dwell apart on "
+                    "average; dwell in s, sigma in u",
+           resembles="random walk, bias step, random telegraph",
+           experiment="average less white noise away: the level stands still between"),
     Effect("quantization", reading=quantize, model=_rounding, elementwise=True,
            equation="lsb round(y / lsb); lsb in u",
            resembles="white noise",

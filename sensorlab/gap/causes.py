@@ -14,7 +14,7 @@ from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.filters import predict, solve
 from sensorlab.gap.readings import as_read
 from sensorlab.gap.screens import (
-    FEW, LITTLE, change_of_drive, screened, usual_variance)
+    FEW, LITTLE, change_of_drive, screened, steps, usual_variance)
 from sensorlab.gap.signatures import families
 from sensorlab.gap.spectra import promise, residual_spectrum
 
@@ -101,6 +101,9 @@ def further_causes(scene, acc, effects, processes=True):
 
     Without `processes`, for signatures and jumps alone.
     """
+    if acc.member.steps:    # what begins at some time is one more step, or two
+        effects = [e for e in effects if not (e.columns and e.search in (
+            "onset", "pulse"))]
     plain, hypotheses = gaussian(scene, acc)
     reference = acc if plain is scene else account(
         plain, hypotheses, signatures=acc.signatures)
@@ -182,9 +185,13 @@ def _with_filters(scene, plain, acc, reference, effects, processes, best):
         if not inside or not _has_room(effect, acc):
             continue
         start, at = (acc, scene) if effect.jumps else (reference, plain)
-        about = change_of_drive(
-            effect, at, start.member, acc.signatures, start.theta
-        ).about if effect.drive else screened(effect, scene, z, variance)
+        if effect.drive:
+            about = change_of_drive(effect, at, start.member, acc.signatures,
+                                    start.theta).about
+        elif effect.jumps and effect.model:
+            about = steps(effect, at, start.member, acc.signatures, start.theta)
+        else:
+            about = screened(effect, scene, z, variance)
         if about < (LITTLE if effect.drive else FEW):
             yield _Rival(effect, "", about)
             continue
@@ -300,7 +307,7 @@ def _with_best(scene, plain, acc, best, signature):
     if signature is not None:
         return account(scene, acc.bases, acc.hypotheses, (*acc.signatures, signature),
                        acc.readings, acc)
-    if plain is not scene and best.effect.model:
+    if plain is not scene and best.effect.model and not best.effect.jumps:
         return account(scene, acc.bases,
                        [h._replace(effects=(*h.effects, own.effects[-1]))
                         for h, own in zip(acc.hypotheses, best.account.hypotheses)],

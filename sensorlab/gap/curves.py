@@ -8,7 +8,8 @@ from scipy.signal import lfilter
 from scipy.special import ndtr
 
 from sensorid import allan_deviation, allan_variance, brief
-from sensorlab.gap.account import LEVEL_AS_NOISE, as_simulated, gaussian
+from sensorlab.gap.account import (
+    LEVEL_AS_NOISE, STEPS_AS_WALK, as_simulated, gaussian)
 from sensorlab.gap.closure import threshold
 from sensorlab.gap.effects import BLOCK, LONG_RECORD, signature_of, simulate_effects
 from sensorlab.gap.filters import predict, processes, solve
@@ -132,7 +133,8 @@ def _slow_processes(d):
 
 def _own_name(one):
     """Name of an effect; that of a level is lost where it counts as noise."""
-    return "random_telegraph" if one.effect is LEVEL_AS_NOISE else one.name
+    return {LEVEL_AS_NOISE.name: "random_telegraph", STEPS_AS_WALK.name: "random_steps"
+            }.get(one.name, one.name)
 
 
 def _times_covariance(w, a, q, p0):

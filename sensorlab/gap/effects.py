@@ -60,6 +60,7 @@ class Jumps(NamedTuple):
     end: np.ndarray = 0.0         # that it ends
     half: np.ndarray = 0.0        # half the distance of the two levels, u
     louder: np.ndarray = 0.0      # variance that the second adds to the noise, u^2
+    step: np.ndarray = 0.0        # that it adds to the first state of the effects, u^2
 
     @property
     def share(self):
@@ -76,8 +77,8 @@ class Effect(NamedTuple):
     """An effect that a simulator may lack; a user's own is another of these.
 
     What it does is said by the field that is given: `columns`, `model`, `drive` (with a
-    `model` that says the same), `jumps`, `reading` (with a `model`, if filters see some
-    of it as noise) or `factor`.
+    `model` that says the same), `jumps` (with a `model`, if it moves a state of its
+    own), `reading` (with a `model`, if filters see some of it as noise) or `factor`.
     """
 
     name: str
@@ -212,14 +213,22 @@ class Member(NamedTuple):
                                            self.hypothesis.parameters])
         values = [{symbol: next(theta) for symbol in one.values}
                   for one in self.effects]
-        # what drives the hypothesis's own states comes first; what alters the values
-        # after all that makes them: a low-pass of the sensor does not smooth rounding
+        # what drives the hypothesis's own states comes first, then the state that jumps
+        # move; what alters the values after all that makes them: a low-pass of the
+        # sensor does not smooth rounding
         for one, own in sorted(zip(self.effects, values), key=lambda pair: (
-                not pair[0].effect.drive, bool(pair[0].effect.reading))):
+                not pair[0].effect.drive, not pair[0].effect.jumps,
+                bool(pair[0].effect.reading))):
             if one.effect.model:
                 form = dict(variant=one.variant) if one.effect.variants else {}
                 filt = one.effect.model(self.scene, filt, **form, **own)
         return filt
+
+    @property
+    def own_states(self):
+        """How many states the hypothesis has itself: they come first."""
+        h, dt = self.hypothesis, self.scene.dt
+        return len(h.filter(dt, [p.mean for p in h.parameters]).m0)
 
     @property
     def driven(self):
@@ -254,10 +263,19 @@ class Member(NamedTuple):
 
     @property
     def levels(self):
-        """How many of its effects are a level that is one of two: filters take one."""
-        return sum(bool(one.effect.jumps) and np.any(one.effect.jumps(self.scene.dt, **{
-            symbol: p.mean for symbol, p in one.values.items()}).begin)
-            for one in self.effects)
+        """How many of its effects are a level that changes: filters take one."""
+        return sum(one.begin > 0.0 for one in self._mean_jumps())
+
+    @property
+    def steps(self):
+        """Does a level move at random?"""
+        return any(one.step > 0.0 for one in self._mean_jumps())
+
+    def _mean_jumps(self):
+        """`Jumps` of each effect that has them, at the middle of its parameters."""
+        return [one.effect.jumps(self.scene.dt, **{
+            symbol: p.mean for symbol, p in one.values.items()})
+            for one in self.effects if one.effect.jumps]
 
     @property
     def onsets(self):
@@ -320,8 +338,8 @@ def members(simulator, scene):
                     p.symbol: one.values[p.symbol]
                     for p in one.effect.parameters(scene)}))
         if member.levels > 1:
-            raise ValueError(f"{h.name} has both random_telegraph and noise_bursts: a "
-                             "simulator takes one of them")
+            raise ValueError(f"{h.name} has several of random_telegraph, noise_bursts "
+                             "and random_steps: a simulator takes one of them")
         result.append(member)
     return tuple(result)
 
@@ -400,7 +418,7 @@ def columns_of(scene, effect, column, variant, psi):
 
 
 def add_jumps(y, jumps, rng):
-    """Outliers, a level of two values and bursts of noise added to y in place."""
+    """Outliers, levels, bursts of noise and steps added to y in place."""
     if jumps.rate > 0.0:
         at = rng.random(len(y)) < jumps.rate
         y[at] += np.sqrt(jumps.variance) * rng.standard_normal(at.sum())
@@ -408,6 +426,11 @@ def add_jumps(y, jumps, rng):
         change = rng.random(len(y)) < jumps.begin
         level = (rng.integers(2) + np.cumsum(change)) % 2
         y += jumps.half * (2.0 * level - 1.0)
+    if jumps.step > 0.0:
+        at = np.flatnonzero(rng.random(len(y)) < jumps.begin)
+        size = np.zeros(len(y))
+        size[at] = np.sqrt(jumps.step) * rng.standard_normal(len(at))
+        y += np.cumsum(size)
     if jumps.louder > 0.0:
         for part in _bursts(len(y), jumps, rng):
             y[part] += np.sqrt(jumps.louder) * rng.standard_normal(len(y[part]))

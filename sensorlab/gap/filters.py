@@ -69,8 +69,7 @@ def _change(h, scene, theta):
     if not h.driven:
         return None
     first, ratio = h.driven.effect.drive(scene, **h.of(h.driven, theta))
-    filt = h.hypothesis.filter(scene.dt, [p.mean for p in h.hypothesis.parameters])
-    return Change(len(filt.m0), first, ratio**2)
+    return Change(h.own_states, first, ratio**2)
 
 
 def _driven(b, change):
@@ -212,7 +211,7 @@ def _through_mixtures(h, own, H, theta, y, out):
     jumps = h.jumps(theta)
     return mixture_filters(
         y, H, own.own, own.pair, own.later, own.r, np.column_stack(jumps[:2]),
-        np.column_stack(jumps[2:]), out)
+        np.column_stack(jumps[2:]), out, h.own_states if jumps.step.any() else 0)
 
 
 class Filter(NamedTuple):

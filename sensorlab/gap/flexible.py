@@ -32,7 +32,7 @@ def stays_needed(effect, without_it, with_it, again=False):
     if effect.reading:
         return True
     change = effect.model and effect.search == "onset"
-    process = effect.factor or effect.model and not change
+    process = effect.factor or effect.model and not (change or effect.jumps)
     wide = (0 if process else LAGS, 1 if change else SPANS,
             again or not effect.column)
     gain = _scores(with_it, *wide) - _scores(without_it, *wide)

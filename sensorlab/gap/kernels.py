@@ -354,17 +354,17 @@ def _in_lanes(turned, lanes):
     return result
 
 
-def mixture_filters(y, H, own, pair, later, r, outlier, jump, out):
+def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
     """Log-likelihoods (R, M) of records under filters with outliers and two levels.
 
     y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), later (M or 0,) and
     r (M, 1 or N) are the parts of `filters.Parts`; outlier (M, 2) = rate,
-    variance; jump (M, 4) = probabilities that the second level begins and that it ends,
-    half the distance of the levels, variance that the second adds to the noise (both
-    0: one level). out (R, M, 0, 2 or 5, N) gets of every sample the predictive
-    probabilities below and above it, that of its being an outlier, its log density and
-    the probability of the second level; where nothing jumps, its normal score in place
-    of the first.
+    variance; jump (M, 5) = probabilities that the second level begins and that it ends,
+    half the distance of the levels, variances that the second adds to the noise and to
+    the state number `moved` (all 0: one level). out (R, M, 0, 2 or 5, N) gets of every
+    sample the predictive probabilities below and above it, that of its being an
+    outlier, its log density and the probability of the second level; where nothing
+    jumps, its normal score in place of the first.
 
     One Gaussian per level is kept (interacting multiple models; Blom and Bar-Shalom,
     "The interacting multiple model algorithm", IEEE Trans. Autom. Control 33, 1988).
@@ -374,13 +374,13 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out):
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
     lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
     in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y, H,
-               own, pair, later, r, outlier, jump, out, total)
+               own, pair, later, r, outlier, jump, out, total, moved)
     return total
 
 
 @njit(**KERNEL)
 def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, r,
-                     outlier, jump, out, total):
+                     outlier, jump, out, total, moved):
     """Groups of `mixture_filters`. The second level has lanes of its own, after those
     of the first: `by_level` are the same numbers, (levels, lanes).
     """
@@ -392,12 +392,14 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
         record, node = np.empty(lanes, np.int64), np.empty(all_lanes, np.int64)
         rate, wider, offset, louder = (np.empty(all_lanes), np.empty(all_lanes),
                                        np.empty(all_lanes), np.empty(all_lanes))
-        change, value, mass = np.empty(all_lanes), np.empty(lanes), np.empty(lanes)
+        change, step = np.empty(all_lanes), np.empty(all_lanes)
+        value, mass = np.empty(lanes), np.empty(lanes)
         for g in range(all_lanes):
             both, level = min(group * lanes + g % lanes, count - 1), g // lanes
             record[g % lanes], node[g] = both // M, both % M
             rate[g], wider[g] = outlier[node[g], 0], outlier[node[g], 1]
             change[g], louder[g] = jump[node[g], level], level * jump[node[g], 3]
+            step[g] = level * jump[node[g], 4]
             offset[g] = (2 * level - 1) * (levels - 1) * jump[node[g], 2]
         parts, P = np.empty((6, n, all_lanes)), np.empty((n, n, all_lanes))
         load(own, pair, node, parts, P)
@@ -441,6 +443,8 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             for g in range(all_lanes):
                 f[g] = noise[g] + louder[g]
             turn_covariance(parts, pair, P)
+            for g in range(all_lanes if levels == 2 else 0):
+                P[moved, moved, g] += step[g]
             observe_covariance(parts, pair, h, P, Ph, f)
             turn(parts, pair, x)
             observe_state(h, x, all_nu)
