@@ -108,8 +108,11 @@ def guesses_from(past, number, h, scene, signatures):
     result = [kept] if known else []
     if h.driven and not other.driven:
         return [*result, _before_change(h, keys, scene, signatures, other, sample)]
-    if h.has_free_onsets or len(keys) == len(known) == len(before) and len(
-            signatures) == len(past.signatures):
+    changed = [(one.key, symbol) for one in h.effects if one.effect.search == "onset"
+               for symbol in one.values]    # a spectrum tells nothing of these
+    if not set(keys) & set(changed) <= set(known) or (
+            len(keys) == len(known) == len(before)
+            and len(signatures) == len(past.signatures)):
         return result
     # where what is new is weak, all else is as it was; where not, its spectrum tells
     theta = sample.likeliest
@@ -120,7 +123,10 @@ def guesses_from(past, number, h, scene, signatures):
         its_other, other.matching(its_other, theta),
         {key: mean[axis] for key, axis in known.items()})
     free = [twin.keys[c] for c in free_columns(twin.parameters)]
-    return [*result, _spread(keys, free, *told, _spread(keys, *law, kept))]
+    of = [axis for axis, key in enumerate(free) if key not in changed]
+    mean, cov = told
+    return [*result, _spread(keys, [free[axis] for axis in of], mean[of], cov[np.ix_(
+        of, of)], _spread(keys, *law, kept))]
 
 
 def _before_change(h, keys, scene, signatures, other, sample):

@@ -465,7 +465,8 @@ MIN_PULSE = 3     # samples: fewer are outliers
 MIN_SHAPED = 8    # of a pulse: fewer have no shape but a rectangle
 MIN_RINGING = 16    # of a ringing, or a burst: fewer are outliers
 MIN_SLOW = 64     # of a slow step: fewer are a step
-MIN_STEPS = 5    # in a record: fewer are bias steps
+MIN_STEPS = 10    # in a record, on average: fewer are bias steps
+MIN_REST = 30    # samples from one step to the next: fewer are a walk
 MIN_BURST = 8    # samples of a burst of noise: fewer are outliers
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
 
@@ -652,7 +653,7 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="average less white noise away: two levels show in a histogram"),
     Effect("random_steps", jumps=_random_steps, model=_level, elementwise=True,
            parameters=lambda s: (
-               _log("dwell", 3.0 * s.dt, s.duration / MIN_STEPS),
+               _log("dwell", MIN_REST * s.dt, s.duration / MIN_STEPS),
                _log("sigma", 0.3 * s.white, 3.0 * _spread(s))),
            equation="y + L, L moves by N(0, sigma^2) at times that are dwell apart on "
                     "average; dwell in s, sigma in u",

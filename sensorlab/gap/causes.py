@@ -14,7 +14,7 @@ from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.filters import predict, solve
 from sensorlab.gap.readings import as_read
 from sensorlab.gap.screens import (
-    FEW, LITTLE, change_of_drive, screened, steps, usual_variance)
+    FEW, LITTLE, SCREENS, change_of_drive, change_of_level, screened, usual_variance)
 from sensorlab.gap.signatures import families
 from sensorlab.gap.spectra import promise, residual_spectrum
 
@@ -188,8 +188,9 @@ def _with_filters(scene, plain, acc, reference, effects, processes, best):
         if effect.drive:
             about = change_of_drive(effect, at, start.member, acc.signatures,
                                     start.theta).about
-        elif effect.jumps and effect.model:
-            about = steps(effect, at, start.member, acc.signatures, start.theta)
+        elif effect.jumps and effect.name not in SCREENS:
+            about = change_of_level(effect, at, start.member, acc.signatures,
+                                    start.theta)
         else:
             about = screened(effect, scene, z, variance)
         if about < (LITTLE if effect.drive else FEW):
@@ -206,10 +207,26 @@ def _with_filters(scene, plain, acc, reference, effects, processes, best):
                     continue
             new = account(at, acc.bases, richer, acc.signatures, acc.readings, start,
                           start.log_evidence + max(HOPELESS_NATS, best - MATTERS))
+            if new.member.steps and _steps(new, at) < FEWEST_STEPS:
+                continue
             best = max(best, _log_bayes(new, start))
             yield _Rival(effect, "", _log_bayes(new, start), account=new,
                          values=_values(new.member.effects[-1], new),
                          variant=variant)
+
+
+NEAR = 5            # samples in which a step is seen
+FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
+
+
+def _steps(acc, scene):
+    """How many steps of a level that moves at random a record shows: each at a few
+    samples, which sample it is need not be known.
+    """
+    second = np.nan_to_num(predict(
+        acc.member, scene, acc.signatures, acc.theta[None]).second[0, 0])
+    sure = np.convolve(second, np.ones(NEAR), "same") > 0.5
+    return np.sum(sure[1:] & ~sure[:-1]) + sure[0]
 
 
 def _spectra(scene, acc):

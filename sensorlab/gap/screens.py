@@ -19,7 +19,7 @@ STRENGTHS = 13    # of the noise of states, that are tried
 NORMAL_MEDIAN = 0.6745    # of |z|
 SCALES = np.geomspace(0.5, 1.05, 25)    # of the other samples, where some are outliers
 DRIVES = "sigma_w", "sigma_m"    # what drives the states of a hypothesis
-DRIVEN = 1.0, 0.3    # times as strongly, where steps explain some of what it did
+DRIVEN = 1.0, 0.3    # times as strongly, where a level explains some of what they did
 QUIET_SCALES = np.geomspace(0.5, 1.0, 4)    # of the samples outside bursts
 OF_BURSTS = 5     # values of each of their parameters that are tried
 PARTS = 2**14     # of a record, at most, each of which is in a burst or not
@@ -194,24 +194,23 @@ def change_of_drive(effect, scene, member, signatures, theta):
                                       1.0 - 0.5 / STRENGTHS)))
 
 
-STEP_NODES = 4    # values of each parameter of steps that are tried
+LEVEL_NODES = 4    # values of each parameter of a level that are tried
 
 
-def steps(effect, scene, member, signatures, theta):
-    """About ln B of an effect that moves a level, from its filter at some values of
-    its parameters, beside a member at theta (p,) whose states are driven less.
+def change_of_level(effect, scene, member, signatures, theta):
+    """About ln B of an effect with jumps, from its filter at some values of its
+    parameters, beside a member at theta (p,) whose states are driven less.
     """
-    h, u = member.with_effect(effect), (np.arange(STEP_NODES) + 0.5) / STEP_NODES
+    h, u = member.with_effect(effect), (np.arange(LEVEL_NODES) + 0.5) / LEVEL_NODES
     values = np.meshgrid(DRIVEN, *(p.quantile(u) for p in effect.parameters(scene)),
                          indexing="ij")
-    driven = [c for c, (_, symbol) in enumerate(member.keys) if symbol in DRIVES]
-    nodes = np.tile(np.append(theta, [0.0, 0.0]), (values[0].size, 1))
-    nodes[:, driven] *= values[0].reshape(-1, 1)
-    nodes[:, -2:] = np.column_stack([v.ravel() for v in values[1:]])
-    gain = log_likelihoods(h, scene, signatures, nodes) - log_likelihoods(
+    strength, *own = (v.reshape(-1, 1) for v in values)
+    driven = [symbol in DRIVES for _, symbol in member.keys]
+    gain = log_likelihoods(h, scene, signatures, np.hstack(
+        [theta * np.where(driven, strength, 1.0), *own])) - log_likelihoods(
         member, scene, signatures, theta[None])
-    return float(min(logsumexp(gain.reshape(len(DRIVEN), -1).max(0)) - 2.0 * np.log(
-        STEP_NODES), gain.max() - 2.0))
+    gain = gain.reshape(len(DRIVEN), -1).max(0)
+    return float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0))
 
 
 def law_of_outliers(scene, effect, z, variance):
