@@ -2656,12 +2656,12 @@ def allan_variance(omega, dt, m):
         Rate or specific force, u, evenly sampled; NaN marks a missing sample.
     dt : float
         Sampling interval, s.
-    m : int
+    m : int, or array (K,) of them
         Samples per cluster, 1 <= m <= N / 2.
 
     Returns
     -------
-    float, or array (...)
+    float, or array (...) or (..., K)
         sigma^2(tau), u^2, from the pairs of clusters that miss nothing; NaN if there
         are none.
 
@@ -2682,23 +2682,25 @@ def allan_variance(omega, dt, m):
     2.0
     """
     omega = as_samples(omega)
-    samples = omega.shape[-1]
-    if not 1 <= m <= samples // 2:
-        raise ValueError(
-            f"m = {m} does not fit a record of {samples} samples: the Allan "
-            f"variance needs two clusters, so 1 <= m <= {samples // 2}")
+    samples, clusters = omega.shape[-1], np.ravel(m)
+    for one in clusters:
+        if not 1 <= one <= samples // 2:
+            raise ValueError(
+                f"m = {one} does not fit a record of {samples} samples: the Allan "
+                f"variance needs two clusters, so 1 <= m <= {samples // 2}")
     rows = np.ascontiguousarray(omega).reshape(-1, samples)
-    variance = _differences_of_clusters(rows, m).reshape(omega.shape[:-1]) / 2.0
+    variance = 0.5 * _differences_of_clusters(rows, clusters).reshape(
+        (*omega.shape[:-1], *np.shape(m)))
     return variance if variance.ndim else float(variance)
 
 
 @njit(nogil=True, **JIT)
 def _differences_of_clusters(omega, m):
-    """Mean square (R,) of (second mean of m - first mean of m) over all pairs of
+    """Mean squares (R, K) of (second mean of m - first mean of m) over all pairs of
     clusters of rows (R, N) that miss nothing.
     """
     rows, N = omega.shape
-    result, x, gone = np.empty(rows), np.empty(N), np.empty(N, np.int64)
+    result, sums, gone = np.empty((rows, len(m))), np.zeros(N + 1), np.zeros(N + 1)
     for row in range(rows):
         middle, seen = 0.0, 0
         for value in omega[row]:    # about it, sums keep their digits
@@ -2707,21 +2709,26 @@ def _differences_of_clusters(omega, m):
                 seen += 1
         middle /= max(seen, 1)
         for i in range(N):
-            gone[i] = np.isnan(omega[row, i])
-            x[i] = 0.0 if gone[i] else omega[row, i] - middle
-        apart, missed, total, pairs = 0.0, 0, 0.0, 0
-        for i in range(m):
-            apart += x[m + i] - x[i]
-            missed += gone[i] + gone[m + i]
-        for i in range(2 * m, N + 1):
-            if missed == 0:
-                total += apart * apart
-                pairs += 1
-            if i < N:
-                apart += x[i] - 2.0 * x[i - m] + x[i - 2 * m]
-                missed += gone[i] - gone[i - 2 * m]
-        result[row] = total / pairs / m**2
+            missing = np.isnan(omega[row, i])
+            sums[i + 1] = sums[i] + (0.0 if missing else omega[row, i] - middle)
+            gone[i + 1] = gone[i] + missing
+        for k in range(len(m)):
+            result[row, k] = _mean_square_apart(sums, gone, m[k])
     return result
+
+
+@njit(**{**JIT, "fastmath": {"contract", "reassoc"}})
+def _mean_square_apart(sums, gone, m):
+    """Mean square of (second mean of m - first mean of m) from the sums of all samples
+    before each, and the number of those that miss.
+    """
+    total, pairs = 0.0, 0
+    for i in range(2 * m, len(sums)):
+        apart = sums[i] - 2.0 * sums[i - m] + sums[i - 2 * m]
+        if gone[i] == gone[i - 2 * m]:
+            total += apart * apart
+            pairs += 1
+    return total / pairs / m**2
 
 
 def allan_deviation(omega, dt, per_octave=1):
@@ -2729,7 +2736,7 @@ def allan_deviation(omega, dt, per_octave=1):
     n = len(omega)
     octaves = np.arange(0.0, np.log2(max(n // 3, 1)) + 1e-9, 1.0 / per_octave)
     m = np.unique(np.round(2.0**octaves).astype(int))
-    adev = np.sqrt([allan_variance(omega, dt, k) for k in m])
+    adev = np.sqrt(allan_variance(omega, dt, m))
     return m[~np.isnan(adev)] * dt, adev[~np.isnan(adev)]
 
 

@@ -227,14 +227,14 @@ def _in_averaging_time(r):
     """Allan deviations of the records by octave; long clusters move on by a CLUSTER-th
     of their length.
     """
-    y, dt, m = r.y, r.scene.dt, 1
-    for _ in range(int(np.log2(max(len(r.scene.y) // 3, 1))) + 1):
-        variance = allan_variance(y, dt, m)
-        yield _One(m * dt, m * dt, 0.5 * np.log(variance + 1e-300))
-        if m < CLUSTER:
-            m *= 2
-        else:
-            y, dt = _pair_means(y), 2.0 * dt
+    y, dt = r.y, r.scene.dt
+    m = 2**np.arange(int(np.log2(max(len(r.scene.y) // 3, 1))) + 1)
+    variances = list(allan_variance(y, dt, m[m <= CLUSTER]).T)
+    while len(variances) < len(m):
+        y = _pair_means(y)
+        variances.append(allan_variance(y, dt, CLUSTER))
+    for tau, variance in zip(m * dt, variances):
+        yield _One(tau, tau, 0.5 * np.log(variance + 1e-300))
 
 
 def _pair_means(y):
