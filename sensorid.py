@@ -2741,21 +2741,27 @@ def allan_deviation(omega, dt, per_octave=1):
 
 
 @njit(**JIT)
-def _functional_variance(m, Phi, Q, H, m0, P0):
-    """Mean square of (second mean of m - first mean of m) / sqrt(2) of H x, from the
-    derivatives to every w_i.
+def mean_square(weight, Phi, Gamma, H, Psi, m0, P0):
+    """Mean square of the sum of weight_i y_i of a shaping filter, from its derivatives
+    to every noise, the last sample first.
     """
-    n = len(H)
-    g, new, total = np.zeros(n), np.zeros(n), 0.0
-    for i in range(2 * m - 1, -1, -1):
-        weight = (1.0 if i >= m else -1.0) / (np.sqrt(2.0) * m)
+    n, total = len(m0), 0.0
+    g, new = np.zeros(n), np.zeros(n)
+    for i in range(len(weight) - 1, -1, -1):
+        phi, gamma = Phi[min(i, len(Phi) - 1)], Gamma[min(i, len(Gamma) - 1)]
+        h = H[min(i, len(H) - 1)]
+        total += (weight[i] * Psi[min(i, len(Psi) - 1)])**2
         for row in range(n):
-            g[row] += weight * H[row]
+            g[row] += weight[i] * h[row]
+        for column in range(gamma.shape[1]):
+            of_noise = 0.0
+            for row in range(n):
+                of_noise += g[row] * gamma[row, column]
+            total += of_noise * of_noise
         for row in range(n):
             new[row] = 0.0
             for column in range(n):
-                total += g[row] * Q[row, column] * g[column]
-                new[row] += Phi[column, row] * g[column]
+                new[row] += phi[column, row] * g[column]
         for row in range(n):
             g[row] = new[row]
     mean = 0.0
@@ -2771,7 +2777,7 @@ def model_allan_variance(filt, m):
     m is a number or an array of numbers.
 
     For a process that is not stationary, the expectation is that of its first 2 m
-    samples. `filt` must not depend on time.
+    samples.
 
     Examples
     --------
@@ -2780,10 +2786,8 @@ def model_allan_variance(filt, m):
     >>> round(float(model_allan_variance(white_noise(1.0, 2.0), 4)), 12)
     1.0
     """
-    Gamma = filt.Gamma[0]
-    process = [_functional_variance(one, filt.Phi[0], Gamma @ Gamma.T, filt.H[0],
-                                    filt.m0, filt.P0) for one in np.ravel(m)]
-    return np.reshape(process, np.shape(m)) + filt.Psi[0]**2 / m
+    return np.reshape([mean_square(np.repeat([-1.0, 1.0], one) / (np.sqrt(2.0) * one),
+                                   *filt) for one in np.ravel(m)], np.shape(m))
 
 
 class Misfit(NamedTuple):
