@@ -133,7 +133,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
 
     def glanced(acc, near=None):
         say("measuring what is left", 2)
-        return measured(acc, near, trials or enough_trials(full), None)
+        return measured(acc, near, trials or enough_trials(full))
     new = [r for r in seen if r.log_bayes]
     start = _with_readings(full, bases, free, seen) if new else base
     found = Cause(tuple(map(missing, new)), 1.0, sum(r.log_bayes for r in new))

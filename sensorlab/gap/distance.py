@@ -111,7 +111,8 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     is taken away, but the simulated records have parameters drawn from the posterior.
     With `before`, the gap to another simulator, as many simulated records as usual are
     held against that one as well. `near` is the gap to a like account, if it is known;
-    of this very account and with this seed, its simulated records are the first.
+    of this very account, with this seed and `before`, its simulated records are the
+    first.
     """
     trials = trials or enough_trials(scene)
     again = near is not None and near.ruler.fit.setting.acc is acc
@@ -135,15 +136,8 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
         _, part, gains = ruler.laid(*read)
         return Drawn(number, part.value, gains, before.ruler.measured(read[0])
                      if number < compared else None)
-
-    def beside(part):
-        if part.first >= compared or part.beside is not None:
-            return part
-        read, _ = setting.drawn(simulator, len(part.gains), seed, part.first)
-        return part._replace(beside=before.ruler.measured(read))
     known = sum(len(part.gains) for part in drawn)
-    drawn = side_by_side(beside, drawn) + side_by_side(
-        measured, range(known, trials, block))
+    drawn += side_by_side(measured, range(known, trials, block))
     ruler, null = ruler.marked(np.vstack([part.statistics for part in drawn]),
                                np.vstack([part.gains for part in drawn]), stats)
     d = ruler.distances(stats.value, gain)[0]
