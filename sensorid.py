@@ -1020,6 +1020,20 @@ def _record_of_group(y, rows, observed, last_gap, node, memory, state):
     _count_steady(n - first, node, memory)
 
 
+@njit(nogil=True, **JIT)
+def _lay_abreast(y, rows, lanes):
+    """The records (C, n) of rows as blocks of lanes (blocks, n * LANES): those of a
+    sample lie side by side.
+    """
+    n = y.shape[1]
+    for first in range(0, n, TILE):    # that much stays in the cache
+        for k in range(len(rows)):
+            block, lane, one, other = k // LANES, k % LANES, rows[k, 0], rows[k, 1]
+            for i in range(first, min(first + TILE, n)):
+                lanes[block, i * LANES + lane] = y[one, i] + (
+                    y[other, i] if other >= 0 else 0.0)
+
+
 @njit(**JIT)
 def _lay(y, row, first, last, tile):
     """Samples of a row of `_record_of_group`."""
@@ -1294,7 +1308,7 @@ def modes(b):
     return Modes(*(np.diagonal(m, 0, 1, 2).copy() for m in parts), b.r)
 
 
-def filter_bank(b, y, stops, pairs=()):
+def filter_bank(b, y, stops, pairs=None):
     """Sums of a bank over records, at each of the given numbers of samples.
 
     Parameters
@@ -1304,7 +1318,8 @@ def filter_bank(b, y, stops, pairs=()):
         Records, u. NaN marks a missing sample, the same in all of them.
     stops : increasing sequence of int, 1 <= stop <= N
     pairs : sequence of (int, int), optional
-        Rows of y of which `products` are wanted.
+        Rows of y of which `products` are wanted. With them, even if there are none,
+        the last bits of a row depend on how many rows there are: that is faster.
 
     Yields
     ------
@@ -1332,7 +1347,7 @@ def filter_bank(b, y, stops, pairs=()):
     if np.any(np.diff(stops) <= 0) or not 1 <= stops[0] <= stops[-1] <= y.shape[1]:
         raise ValueError(f"stops {list(stops)} do not increase within 1..{y.shape[1]}")
     return _sums(b, np.where(gap, 0.0, y) if gap[0].any() else y, 1.0 - gap[0], stops,
-                 np.reshape(pairs, (-1, 2)).astype(int) if len(pairs) else NO_PAIRS)
+                 None if pairs is None else np.reshape(pairs, (-1, 2)).astype(int))
 
 
 def _sums(b, y, observed, stops, pairs):
@@ -1340,8 +1355,9 @@ def _sums(b, y, observed, stops, pairs):
     stretches = [
         (begin, end, np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1))
         for begin, end in zip([0, *stops[:-1]], stops)]
-    run = (_sums_abreast if not _is_scalar(b) else _sums_pairs if len(pairs)
+    run = (_sums_abreast if not _is_scalar(b) else _sums_pairs if pairs is not None
            else _sums_records if len(y) == 1 else _sums_trials)
+    pairs = NO_PAIRS if pairs is None else pairs
     parts, done = run(b, y, observed, stretches, pairs), 0
     for end in stops:
         with _no_more_threads_than(-(-len(b.r) // GROUP) * len(y) * (end - done)):
@@ -1418,10 +1434,15 @@ def _scalar_nodes(b, size=GROUP):
     return np.stack([a, q, r, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero], 1)
 
 
+def _with_sums(count, pairs):
+    """Rows of the one-state kernels: records (count) alone, then sums of two."""
+    return np.vstack([[(row, -1) for row in range(count)], pairs])
+
+
 def _sums_records(b, y, observed, stretches, pairs):
     """Sums of records, then those of the sums of pairs of them."""
     node, memory = _scalar_nodes(b)
-    rows = np.vstack([[(row, -1) for row in range(len(y))], pairs])
+    rows = _with_sums(len(y), pairs)
     state = np.zeros((len(node), len(rows), 3, GROUP))
     # of few groups, every thread has a part of the rows, and gains of its own
     parts = np.array_split(np.arange(len(rows)), min(len(rows), -(
@@ -1452,21 +1473,18 @@ def _sums_trials(b, y, observed, stretches, pairs):
     """Sums of records, then those of the sums of pairs of them."""
     size = min(GROUP, -(-len(b.r) // 2))    # of few nodes every thread has a part
     node, memory = _scalar_nodes(b, size)
-    (one, other), records = pairs.T, len(y) + len(pairs)
+    rows = _with_sums(len(y), pairs)
+    records = len(rows)
     blocks = -(-records // LANES)
     state = np.zeros((len(node), size, blocks, 3, LANES))
+    every = np.zeros(blocks * LANES * min(PIECE, y.shape[1]))
     for begin, end, last_gap in stretches:
         last_gap += begin
         for first in range(begin, end, PIECE):
             last = min(first + PIECE, end)
-            # the lanes of a sample lie side by side
-            rows, lanes = y[:, first:last], np.zeros((blocks, last - first, LANES))
-            if len(pairs):
-                rows = np.vstack([rows, rows[one] + rows[other]])
-            for block in range(blocks):
-                own = rows[block * LANES:(block + 1) * LANES]
-                lanes[block, :, :len(own)] = own.T
-            piece = lanes.reshape(blocks, -1), observed[first:last], last_gap - first
+            lanes = every[:blocks * LANES * (last - first)].reshape(blocks, -1)
+            _lay_abreast(y[:, first:last], rows, lanes)
+            piece = lanes, observed[first:last], last_gap - first
             own = state.reshape(len(node), size, blocks, -1)
             if get_num_threads() > 1:
                 _advance_trials(*piece, node, memory, own)
@@ -1478,14 +1496,18 @@ def _sums_trials(b, y, observed, stretches, pairs):
                *(memory[:, part, :size].ravel()[:len(b.r)] for part in (2, 3)))
 
 
+def _run_of_rows(rows, M):
+    """What leaves fewer lanes idle: nodes, or rows, lie side by side. Rows must be laid
+    so before, and take longer once gains are steady.
+    """
+    few = rows * -(-M // GROUP) < (1.3 * M + 4.0) * -(-rows // LANES)
+    return _sums_records if few else _sums_trials
+
+
 def _sums_pairs(b, y, observed, stretches, pairs):
     """2 r's = (r + s)'(r + s) - r'r - s's: the one-state kernels give squares."""
-    (C, M), (one, other) = (len(y), len(b.r)), pairs.T
-    # records, or nodes, lie side by side: what leaves fewer lanes idle; records must be
-    # laid so before, and take longer once gains are steady
-    rows = C + len(pairs)
-    run = (_sums_records if rows * -(-M // GROUP) < (1.3 * M + 5.0) * -(-rows // LANES)
-           else _sums_trials)
+    C, (one, other) = len(y), pairs.T
+    run = _run_of_rows(C + len(pairs), len(b.r))
     for chi2, score, *rest in run(b, y, observed, stretches, pairs):
         yield (chi2[:C], score[:C], *rest,
                0.5 * (chi2[C:] - chi2[one] - chi2[other]))

@@ -367,7 +367,7 @@ def products(h, scene, y, columns, theta):
     pairs = [(i, j) for i in range(R, R + c) for j in range(i)]
     rows[:, gap] = np.nan
     b = _bank(h, scene, theta)
-    sums = summed(b, _parts_at(h, scene, theta, b), rows, pairs)
+    sums = summed(b, _parts_at(h, scene, theta, b), rows, pairs if columns else None)
     result = np.empty((R, len(theta), c + 2, c + 2))
     result[..., -1, -1] = sums.information
     # a record is in the first place of its own products, a column in those of all
@@ -386,7 +386,7 @@ def products(h, scene, y, columns, theta):
     return Gram(sums.count, sums.log_det, result)
 
 
-def summed(b, parts, rows, pairs=()):
+def summed(b, parts, rows, pairs):
     """`Sums` of rows (C, N) under the filters of a bank, as `filter_bank` gives them,
     with the change of the noise of states that `Parts` know.
     """
@@ -396,7 +396,7 @@ def summed(b, parts, rows, pairs=()):
     gap, H = np.isnan(rows[0]), np.tile(parts.h, (rows.shape[1], 1))
     rows = np.vstack([rows, np.where(gap, np.nan, 1.0)])
     result = Sums(N - gap.sum(), *np.empty((2, C, M)), *np.empty((2, M)),
-                  np.empty((len(pairs), M)))
+                  np.empty((len(pairs or ()), M)))
     for k in range(M):
         one = _filter_at(parts, H, k, gap)
         z = np.where(gap, 0.0, one.whitened(rows))
@@ -404,7 +404,7 @@ def summed(b, parts, rows, pairs=()):
         result.score[:, k] = z[:-1] @ z[-1]
         result.information[k] = z[-1] @ z[-1]
         result.log_det[k] = one.log_f[~gap].sum()
-        result.products[:, k] = [z[i] @ z[j] for i, j in pairs]
+        result.products[:, k] = [z[i] @ z[j] for i, j in pairs or ()]
     return result
 
 
