@@ -2770,20 +2770,21 @@ def mean_square(weight, Phi, Gamma, H, Psi, m0, P0):
     n, total = len(m0), 0.0
     g, new = np.zeros(n), np.zeros(n)
     for i in range(len(weight) - 1, -1, -1):
-        phi, gamma = Phi[min(i, len(Phi) - 1)], Gamma[min(i, len(Gamma) - 1)]
-        h = H[min(i, len(H) - 1)]
-        total += (weight[i] * Psi[min(i, len(Psi) - 1)])**2
+        # a view of a matrix would count references, which takes as long as all else
+        phi, gamma = min(i, len(Phi) - 1), min(i, len(Gamma) - 1)
+        h, psi = min(i, len(H) - 1), min(i, len(Psi) - 1)
+        total += (weight[i] * Psi[psi])**2
         for row in range(n):
-            g[row] += weight[i] * h[row]
-        for column in range(gamma.shape[1]):
+            g[row] += weight[i] * H[h, row]
+            new[row] = 0.0
+        for column in range(Gamma.shape[2]):
             of_noise = 0.0
             for row in range(n):
-                of_noise += g[row] * gamma[row, column]
+                of_noise += g[row] * Gamma[gamma, row, column]
             total += of_noise * of_noise
         for row in range(n):
-            new[row] = 0.0
             for column in range(n):
-                new[row] += phi[column, row] * g[column]
+                new[column] += Phi[phi, row, column] * g[row]
         for row in range(n):
             g[row] = new[row]
     mean = 0.0

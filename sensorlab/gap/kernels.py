@@ -139,12 +139,18 @@ def load(own, pair, node, parts, P):
 
 @njit(**JIT)
 def drive(own, node, later, i, parts):
-    """The noises of the states of all lanes at sample i, which change at `later` (M,).
+    """The noises of the states of all lanes at sample i, which change at `later` (M,);
+    the next sample at which one does, -1 if none.
     """
-    for s in range(own.shape[2]):
-        for g in range(parts.shape[2]):
-            k = 6 if i >= later[node[g]] else 2
+    due = -1
+    for g in range(parts.shape[2]):
+        change = later[node[g]]
+        k = 6 if i >= change else 2
+        for s in range(own.shape[2]):
             parts[2, s, g], parts[3, s, g] = own[k, node[g], s], own[k + 1, node[g], s]
+        if i < change and (due < 0 or change < due):
+            due = change
+    return due
 
 
 @njit(**JIT)
@@ -417,10 +423,11 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
         all_prior, all_seen, all_nu = prior.ravel(), seen.ravel(), nu.ravel()
         bits = power.view(np.int64)
         all_least, all_here, all_wild = least.ravel(), here.ravel(), wild.ravel()
+        due = 0 if len(later) else -1
         for i in range(N):
             h = H[i]
-            if len(later):
-                drive(own, node, later, i, parts)
+            if i == due:
+                due = drive(own, node, later, i, parts)
             if levels == 2:
                 _mix_levels(change, weight, prior, share, apart, x_of, P_of)
             for g in range(lanes):
@@ -691,10 +698,10 @@ def _go_there(y, observed, noise, h, own, node, later, begin, parts, of_columns,
     Ph, turned, f, w = (np.empty((n, lanes)), np.empty((n, lanes)), np.empty(lanes),
                         np.empty(lanes))
     nu, all_x = np.empty((C, lanes)), x.reshape(n, C * lanes)
-    all_nu = nu.ravel()
+    all_nu, due = nu.ravel(), begin if len(later) else -1
     for i in range(N):
-        if len(later):
-            drive(own, node, later, begin + i, parts)
+        if begin + i == due:
+            due = drive(own, node, later, due, parts)
         for g in range(lanes):
             f[g] = noise[i, g]
         turn_covariance(parts, pair, P)
