@@ -257,12 +257,11 @@ def whiten(y, H, turned, pair, gain, per_sigma):
 def _whiten_one(y, H, turned, pair, gain, per_sigma, z):
     """`whiten` of one record, without the cost of lanes."""
     (N, n), (a, b) = H.shape, turned
-    x, before = np.zeros(n), np.empty(n)
+    x = np.zeros(n)
     for i in range(N):
         nu = y[i]
-        before[:] = x
+        _turn_one(a, b, pair, x)
         for s in range(n):
-            x[s] = a[s] * before[s] + b[s] * before[pair[s]]
             nu -= H[i, s] * x[s]
         if not np.isnan(nu):
             for s in range(n):
@@ -294,6 +293,19 @@ def _whiten_groups(first, last, lanes, y, H, turned, pair, gain, per_sigma, z):
                 z[begin + g, i] = nu[g] * per_sigma[i]
 
 
+@njit(**JIT)
+def _turn_one(a, b, pair, x):
+    """`turn` of one lane."""
+    for s in range(len(pair)):
+        t = pair[s]
+        if t == s:
+            x[s] *= a[s]
+        elif t > s:
+            old = x[s]
+            x[s] = a[s] * old + b[s] * x[t]
+            x[t] = a[t] * x[t] + b[t] * old
+
+
 def whiten_back(u, first, H, turned, pair, gain, per_sigma):
     """The transpose of `whiten`: what it makes of records that are 0 up to the sample
     `first`, times u (R, N - first), is these records times the result, of that shape.
@@ -310,16 +322,15 @@ def whiten_back(u, first, H, turned, pair, gain, per_sigma):
 @njit(**KERNEL)
 def _whiten_one_back(u, first, H, turned, pair, gain, per_sigma, result):
     """`whiten_back` of one record, without the cost of lanes."""
-    n, (a, b) = H.shape[1], turned
-    x, after = np.zeros(n), np.empty(n)
+    n, a, b = H.shape[1], turned[0], turned[1][pair]    # of Phi'
+    x = np.zeros(n)
     for i in range(first + len(u) - 1, first - 1, -1):
         nu = u[i - first] * per_sigma[i]
         for s in range(n):
             nu += gain[i, s] * x[s]
         for s in range(n):
-            after[s] = x[s] - H[i, s] * nu
-        for s in range(n):
-            x[s] = a[s] * after[s] + b[pair[s]] * after[pair[s]]
+            x[s] -= H[i, s] * nu
+        _turn_one(a, b, pair, x)
         result[i - first] = nu
 
 
