@@ -246,11 +246,19 @@ def gaussian(scene, acc):
 
 def as_simulated(acc, scene, theta, widths=None):
     """The most probable hypothesis of an account, and its effects, with numbers for
-    parameters, as a `Simulator`.
+    parameters, as a `Simulator`; of several theta (M, p), all are equally probable.
 
     `widths` (p,) turns those of the base into ranges theta -+ width. Of a record that
     is clipped the bias counts, as the limits stand still: it is that of the scene.
     """
+    thetas = np.atleast_2d(theta)
+    sized = with_sizes(acc, scene, thetas)
+    return Simulator(*zip(*(_with_numbers(acc, one, widths, own)
+                            for one, own in zip(thetas, sized))))
+
+
+def _with_numbers(acc, theta, widths, sized):
+    """The hypothesis and the effects of `as_simulated` at one theta (p,)."""
     base = acc.bases[acc.best].hypothesis
     clipped = any("limits" in r.found.values for r in acc.readings)
     widths = np.zeros(len(theta)) if widths is None else widths
@@ -264,9 +272,8 @@ def as_simulated(acc, scene, theta, widths=None):
     inside = [one._replace(values=fixed(**acc.member.of(one, scaled)))
               for one in acc.member.effects
               if not (one.effect.reading or one.effect.factor)]
-    return Simulator((h,), ((*inside, *with_sizes(acc, scene, theta),
-                             *(r.found for r in acc.readings
-                               if r.found.values.get("lsb", 1.0))),))
+    return h, (*inside, *sized, *(r.found for r in acc.readings
+                                  if r.found.values.get("lsb", 1.0)))
 
 
 def _around(p, value, width):
@@ -276,15 +283,23 @@ def _around(p, value, width):
     return Parameter(p.symbol, low, high)
 
 
-def with_sizes(acc, scene, theta):
-    """The signatures of an account, as `Found`, with their least-squares sizes."""
+def with_sizes(acc, scene, thetas):
+    """Lists of the signatures of an account, as `Found`, with their least-squares sizes
+    at each theta.
+    """
     if not acc.signatures:
-        return []
+        return [[]] * len(thetas)
     masked, hypotheses = gaussian(scene, acc)
     plain = hypotheses[acc.best]
-    at = acc.member.matching(plain, theta)[None]
-    sizes, result = iter(estimated(plain, masked, acc.signatures, at).size[0, 0]), []
-    for s in acc.signatures:
+    at = np.array([acc.member.matching(plain, theta) for theta in thetas])
+    return [_sized(acc.signatures, iter(sizes)) for sizes in estimated(
+        plain, masked, acc.signatures, at).size[0]]
+
+
+def _sized(signatures, sizes):
+    """Signatures as `Found` with the sizes of their columns, one after another."""
+    result = []
+    for s in signatures:
         size = [next(sizes) for _ in range(s.columns.shape[1])]
         values = {**s.found.values, s.found.effect.size: np.hypot(*size)
                   if len(size) == 2 else size[0]}
