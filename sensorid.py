@@ -1271,11 +1271,12 @@ class Bank(NamedTuple):
 def bank(h, dt, theta):
     """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
     if h.elementwise:
-        filt = h.filter(dt, np.transpose(theta)[..., None])
-        dimensions = 3, 3, 2, 1, 1, 2
-        Phi, Gamma, H, Psi, m0, P0 = (
-            np.broadcast_to(part, (len(theta), *part.shape[-d:])).copy()
-            for part, d in zip(filt, dimensions))
+        def of_all(part, dimensions):
+            result = np.empty((len(theta), *part.shape[-dimensions:]))
+            result[:] = part
+            return result
+        Phi, Gamma, H, Psi, m0, P0 = map(of_all, h.filter(
+            dt, np.transpose(theta)[..., None]), (3, 3, 2, 1, 1, 2))
     else:
         filters = [h.filter(dt, row) for row in theta]
         Phi, Gamma, H, Psi, m0, P0 = (np.stack(part) for part in zip(*filters))

@@ -4,12 +4,12 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, ndtri
+from scipy.special import ndtri
 
 from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.catalogue import beside
 from sensorlab.gap.effects import Effect, Found, Simulator
-from sensorlab.gap.evidence import effort, integrate, onset_law
+from sensorlab.gap.evidence import effort, integrate, log_sum, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, predict
 from sensorlab.gap.screens import (
     STRENGTHS, change_of_drive, law_of_outliers, usual_variance)
@@ -200,7 +200,7 @@ def _is_same(p, q):
 
 def mean_evidence(log_evidence):
     """Log of the mean over hypotheses of equal prior probability."""
-    return float(logsumexp(log_evidence) - np.log(len(log_evidence)))
+    return float(log_sum(log_evidence) - np.log(len(log_evidence)))
 
 
 def evidence_error(samples, number=0):

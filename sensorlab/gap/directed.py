@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from sensorid import probabilities, side_by_side
 from sensorlab.gap.account import account
 from sensorlab.gap.effects import BLOCK, Found, columns_of, psi_of
-from sensorlab.gap.evidence import Sample, effort, normalized
+from sensorlab.gap.evidence import Sample, effort, log_sum, normalized
 from sensorlab.gap.filters import Signature, log_likelihoods, solve
 from sensorlab.gap.scans import family_bayes, is_coarse, refined, scores
 from sensorlab.gap.signatures import SIZES, bayes_table, log_bayes
@@ -117,11 +117,11 @@ def _pooled(scene, scored, past):
     theta = np.vstack([s.theta for s in scored])
     ll = np.vstack([s.log_likelihood for s in scored])
     # ln of the density of the mixture that the nodes are from, over that of the prior
-    mixture = logsumexp([
+    mixture = log_sum([
         np.log(len(s.theta)) - s.log_evidence + log_likelihoods(
             s.hypothesis, scene, s.account.signatures, theta) for s in scored], axis=0)
     return Sample(theta, None, -mixture, ll, np.append(
-        none, logsumexp(ll[:, 1:] - mixture[:, None], axis=0)))
+        none, log_sum(ll[:, 1:] - mixture[:, None], axis=0)))
 
 
 def _ill_known(samples, enough, added):
