@@ -209,7 +209,8 @@ def test_the_number_of_threads_changes_no_bit():
             numba.set_num_threads(threads)
             gap = distance.distance(scene, fit, 9)
             told.append(np.concatenate([gap.null.ravel(), gap.z, *(
-                scans.family_bayes(scene, family, solved, signatures.bayes_table())
+                scans.family_bayes(scene, family, solved, solved.node(0),
+                                   signatures.bayes_table())
                 for family in listed)]))
     finally:
         numba.set_num_threads(before)

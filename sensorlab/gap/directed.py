@@ -75,21 +75,29 @@ def _scored(scene, reference, latest, listed, table):
              for begin in range(0, len(theta), most)]
     found = [[] for _ in nodes]
     for some in _together(parts, most):
-        solved = side_by_side(lambda part: solve(
-            reference.hypotheses[part[0]], scene, reference.signatures, part[1]), some)
+        solved = side_by_side(lambda part: _for_scans(solve(
+            reference.hypotheses[part[0]], scene, reference.signatures, part[1])), some)
         # scans take longest: they begin
         order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
         bayes = dict(side_by_side(
-            lambda job: (job, family_bayes(scene, listed[job[0]], solved[job[1]],
+            lambda job: (job, family_bayes(scene, listed[job[0]], *solved[job[1]],
                                            table)),
             list(itertools.product(order, range(len(some))))))
         for at, (number, _) in enumerate(some):
-            base = solved[at].base
+            base = solved[at][0].base
             found[number].append(np.column_stack([base, *(
                 base + bayes[k, at] for k in range(len(listed)))]))
     return [_Scored(theta, np.vstack(ll), h, latest, past.log_evidence[0])
             for theta, ll, h, past in zip(nodes, found, reference.hypotheses,
                                           latest.samples)]
+
+
+def _for_scans(solved):
+    """`Solved` of nodes, and of the likeliest, which scans are of: its steps alone are
+    kept.
+    """
+    one = solved.node(int(solved.base.argmax()))
+    return solved._replace(steps=None), one._replace(steps=one.steps.copy())
 
 
 def _nodes(scene, latest, past):

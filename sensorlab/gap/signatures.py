@@ -158,7 +158,7 @@ def families(scene, effects, signatures=()):
     return result
 
 
-ROWS = 8    # columns at a time, at least: of fewer, each takes longer
+ROWS = 6    # columns at a time, at least: of fewer, each takes longer
 
 
 class Block(NamedTuple):
