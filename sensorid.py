@@ -1020,6 +1020,20 @@ def _record_of_group(y, rows, observed, last_gap, node, memory, state):
     _count_steady(n - first, node, memory)
 
 
+@njit(nogil=True, **JIT)
+def _lay_abreast(y, rows, lanes):
+    """The records (C, n) of rows as blocks of lanes (blocks, n * LANES): those of a
+    sample lie side by side.
+    """
+    n = y.shape[1]
+    for first in range(0, n, TILE):    # that much stays in the cache
+        for k in range(len(rows)):
+            block, lane, one, other = k // LANES, k % LANES, rows[k, 0], rows[k, 1]
+            for i in range(first, min(first + TILE, n)):
+                lanes[block, i * LANES + lane] = y[one, i] + (
+                    y[other, i] if other >= 0 else 0.0)
+
+
 @njit(**JIT)
 def _lay(y, row, first, last, tile):
     """Samples of a row of `_record_of_group`."""
@@ -1257,11 +1271,12 @@ class Bank(NamedTuple):
 def bank(h, dt, theta):
     """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
     if h.elementwise:
-        filt = h.filter(dt, np.transpose(theta)[..., None])
-        dimensions = 3, 3, 2, 1, 1, 2
-        Phi, Gamma, H, Psi, m0, P0 = (
-            np.broadcast_to(part, (len(theta), *part.shape[-d:])).copy()
-            for part, d in zip(filt, dimensions))
+        def of_all(part, dimensions):
+            result = np.empty((len(theta), *part.shape[-dimensions:]))
+            result[:] = part
+            return result
+        Phi, Gamma, H, Psi, m0, P0 = map(of_all, h.filter(
+            dt, np.transpose(theta)[..., None]), (3, 3, 2, 1, 1, 2))
     else:
         filters = [h.filter(dt, row) for row in theta]
         Phi, Gamma, H, Psi, m0, P0 = (np.stack(part) for part in zip(*filters))
@@ -1294,7 +1309,7 @@ def modes(b):
     return Modes(*(np.diagonal(m, 0, 1, 2).copy() for m in parts), b.r)
 
 
-def filter_bank(b, y, stops, pairs=()):
+def filter_bank(b, y, stops, pairs=None):
     """Sums of a bank over records, at each of the given numbers of samples.
 
     Parameters
@@ -1304,7 +1319,8 @@ def filter_bank(b, y, stops, pairs=()):
         Records, u. NaN marks a missing sample, the same in all of them.
     stops : increasing sequence of int, 1 <= stop <= N
     pairs : sequence of (int, int), optional
-        Rows of y of which `products` are wanted.
+        Rows of y of which `products` are wanted. With them, even if there are none,
+        the last bits of a row depend on how many rows there are: that is faster.
 
     Yields
     ------
@@ -1332,7 +1348,7 @@ def filter_bank(b, y, stops, pairs=()):
     if np.any(np.diff(stops) <= 0) or not 1 <= stops[0] <= stops[-1] <= y.shape[1]:
         raise ValueError(f"stops {list(stops)} do not increase within 1..{y.shape[1]}")
     return _sums(b, np.where(gap, 0.0, y) if gap[0].any() else y, 1.0 - gap[0], stops,
-                 np.reshape(pairs, (-1, 2)).astype(int) if len(pairs) else NO_PAIRS)
+                 None if pairs is None else np.reshape(pairs, (-1, 2)).astype(int))
 
 
 def _sums(b, y, observed, stops, pairs):
@@ -1340,8 +1356,9 @@ def _sums(b, y, observed, stops, pairs):
     stretches = [
         (begin, end, np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1))
         for begin, end in zip([0, *stops[:-1]], stops)]
-    run = (_sums_abreast if not _is_scalar(b) else _sums_pairs if len(pairs)
+    run = (_sums_abreast if not _is_scalar(b) else _sums_pairs if pairs is not None
            else _sums_records if len(y) == 1 else _sums_trials)
+    pairs = NO_PAIRS if pairs is None else pairs
     parts, done = run(b, y, observed, stretches, pairs), 0
     for end in stops:
         with _no_more_threads_than(-(-len(b.r) // GROUP) * len(y) * (end - done)):
@@ -1418,10 +1435,15 @@ def _scalar_nodes(b, size=GROUP):
     return np.stack([a, q, r, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero], 1)
 
 
+def _with_sums(count, pairs):
+    """Rows of the one-state kernels: records (count) alone, then sums of two."""
+    return np.vstack([[(row, -1) for row in range(count)], pairs])
+
+
 def _sums_records(b, y, observed, stretches, pairs):
     """Sums of records, then those of the sums of pairs of them."""
     node, memory = _scalar_nodes(b)
-    rows = np.vstack([[(row, -1) for row in range(len(y))], pairs])
+    rows = _with_sums(len(y), pairs)
     state = np.zeros((len(node), len(rows), 3, GROUP))
     # of few groups, every thread has a part of the rows, and gains of its own
     parts = np.array_split(np.arange(len(rows)), min(len(rows), -(
@@ -1452,21 +1474,18 @@ def _sums_trials(b, y, observed, stretches, pairs):
     """Sums of records, then those of the sums of pairs of them."""
     size = min(GROUP, -(-len(b.r) // 2))    # of few nodes every thread has a part
     node, memory = _scalar_nodes(b, size)
-    (one, other), records = pairs.T, len(y) + len(pairs)
+    rows = _with_sums(len(y), pairs)
+    records = len(rows)
     blocks = -(-records // LANES)
     state = np.zeros((len(node), size, blocks, 3, LANES))
+    every = np.zeros(blocks * LANES * min(PIECE, y.shape[1]))
     for begin, end, last_gap in stretches:
         last_gap += begin
         for first in range(begin, end, PIECE):
             last = min(first + PIECE, end)
-            # the lanes of a sample lie side by side
-            rows, lanes = y[:, first:last], np.zeros((blocks, last - first, LANES))
-            if len(pairs):
-                rows = np.vstack([rows, rows[one] + rows[other]])
-            for block in range(blocks):
-                own = rows[block * LANES:(block + 1) * LANES]
-                lanes[block, :, :len(own)] = own.T
-            piece = lanes.reshape(blocks, -1), observed[first:last], last_gap - first
+            lanes = every[:blocks * LANES * (last - first)].reshape(blocks, -1)
+            _lay_abreast(y[:, first:last], rows, lanes)
+            piece = lanes, observed[first:last], last_gap - first
             own = state.reshape(len(node), size, blocks, -1)
             if get_num_threads() > 1:
                 _advance_trials(*piece, node, memory, own)
@@ -1478,14 +1497,18 @@ def _sums_trials(b, y, observed, stretches, pairs):
                *(memory[:, part, :size].ravel()[:len(b.r)] for part in (2, 3)))
 
 
+def _run_of_rows(rows, M):
+    """What leaves fewer lanes idle: nodes, or rows, lie side by side. Rows must be laid
+    so before, and take longer once gains are steady.
+    """
+    few = rows * -(-M // GROUP) < (1.3 * M + 4.0) * -(-rows // LANES)
+    return _sums_records if few else _sums_trials
+
+
 def _sums_pairs(b, y, observed, stretches, pairs):
     """2 r's = (r + s)'(r + s) - r'r - s's: the one-state kernels give squares."""
-    (C, M), (one, other) = (len(y), len(b.r)), pairs.T
-    # records, or nodes, lie side by side: what leaves fewer lanes idle; records must be
-    # laid so before, and take longer once gains are steady
-    rows = C + len(pairs)
-    run = (_sums_records if rows * -(-M // GROUP) < (1.3 * M + 5.0) * -(-rows // LANES)
-           else _sums_trials)
+    C, (one, other) = len(y), pairs.T
+    run = _run_of_rows(C + len(pairs), len(b.r))
     for chi2, score, *rest in run(b, y, observed, stretches, pairs):
         yield (chi2[:C], score[:C], *rest,
                0.5 * (chi2[C:] - chi2[one] - chi2[other]))
@@ -2656,12 +2679,12 @@ def allan_variance(omega, dt, m):
         Rate or specific force, u, evenly sampled; NaN marks a missing sample.
     dt : float
         Sampling interval, s.
-    m : int
+    m : int, or array (K,) of them
         Samples per cluster, 1 <= m <= N / 2.
 
     Returns
     -------
-    float, or array (...)
+    float, or array (...) or (..., K)
         sigma^2(tau), u^2, from the pairs of clusters that miss nothing; NaN if there
         are none.
 
@@ -2682,23 +2705,25 @@ def allan_variance(omega, dt, m):
     2.0
     """
     omega = as_samples(omega)
-    samples = omega.shape[-1]
-    if not 1 <= m <= samples // 2:
-        raise ValueError(
-            f"m = {m} does not fit a record of {samples} samples: the Allan "
-            f"variance needs two clusters, so 1 <= m <= {samples // 2}")
+    samples, clusters = omega.shape[-1], np.ravel(m)
+    for one in clusters:
+        if not 1 <= one <= samples // 2:
+            raise ValueError(
+                f"m = {one} does not fit a record of {samples} samples: the Allan "
+                f"variance needs two clusters, so 1 <= m <= {samples // 2}")
     rows = np.ascontiguousarray(omega).reshape(-1, samples)
-    variance = _differences_of_clusters(rows, m).reshape(omega.shape[:-1]) / 2.0
+    variance = 0.5 * _differences_of_clusters(rows, clusters).reshape(
+        (*omega.shape[:-1], *np.shape(m)))
     return variance if variance.ndim else float(variance)
 
 
 @njit(nogil=True, **JIT)
 def _differences_of_clusters(omega, m):
-    """Mean square (R,) of (second mean of m - first mean of m) over all pairs of
+    """Mean squares (R, K) of (second mean of m - first mean of m) over all pairs of
     clusters of rows (R, N) that miss nothing.
     """
     rows, N = omega.shape
-    result, x, gone = np.empty(rows), np.empty(N), np.empty(N, np.int64)
+    result, sums, gone = np.empty((rows, len(m))), np.zeros(N + 1), np.zeros(N + 1)
     for row in range(rows):
         middle, seen = 0.0, 0
         for value in omega[row]:    # about it, sums keep their digits
@@ -2707,21 +2732,26 @@ def _differences_of_clusters(omega, m):
                 seen += 1
         middle /= max(seen, 1)
         for i in range(N):
-            gone[i] = np.isnan(omega[row, i])
-            x[i] = 0.0 if gone[i] else omega[row, i] - middle
-        apart, missed, total, pairs = 0.0, 0, 0.0, 0
-        for i in range(m):
-            apart += x[m + i] - x[i]
-            missed += gone[i] + gone[m + i]
-        for i in range(2 * m, N + 1):
-            if missed == 0:
-                total += apart * apart
-                pairs += 1
-            if i < N:
-                apart += x[i] - 2.0 * x[i - m] + x[i - 2 * m]
-                missed += gone[i] - gone[i - 2 * m]
-        result[row] = total / pairs / m**2
+            missing = np.isnan(omega[row, i])
+            sums[i + 1] = sums[i] + (0.0 if missing else omega[row, i] - middle)
+            gone[i + 1] = gone[i] + missing
+        for k in range(len(m)):
+            result[row, k] = _mean_square_apart(sums, gone, m[k])
     return result
+
+
+@njit(**{**JIT, "fastmath": {"contract", "reassoc"}})
+def _mean_square_apart(sums, gone, m):
+    """Mean square of (second mean of m - first mean of m) from the sums of all samples
+    before each, and the number of those that miss.
+    """
+    total, pairs = 0.0, 0
+    for i in range(2 * m, len(sums)):
+        apart = sums[i] - 2.0 * sums[i - m] + sums[i - 2 * m]
+        if gone[i] == gone[i - 2 * m]:
+            total += apart * apart
+            pairs += 1
+    return total / pairs / m**2
 
 
 def allan_deviation(omega, dt, per_octave=1):
@@ -2729,26 +2759,33 @@ def allan_deviation(omega, dt, per_octave=1):
     n = len(omega)
     octaves = np.arange(0.0, np.log2(max(n // 3, 1)) + 1e-9, 1.0 / per_octave)
     m = np.unique(np.round(2.0**octaves).astype(int))
-    adev = np.sqrt([allan_variance(omega, dt, k) for k in m])
+    adev = np.sqrt(allan_variance(omega, dt, m))
     return m[~np.isnan(adev)] * dt, adev[~np.isnan(adev)]
 
 
 @njit(**JIT)
-def _functional_variance(m, Phi, Q, H, m0, P0):
-    """Mean square of (second mean of m - first mean of m) / sqrt(2) of H x, from the
-    derivatives to every w_i.
+def mean_square(weight, Phi, Gamma, H, Psi, m0, P0):
+    """Mean square of the sum of weight_i y_i of a shaping filter, from its derivatives
+    to every noise, the last sample first.
     """
-    n = len(H)
-    g, new, total = np.zeros(n), np.zeros(n), 0.0
-    for i in range(2 * m - 1, -1, -1):
-        weight = (1.0 if i >= m else -1.0) / (np.sqrt(2.0) * m)
+    n, total = len(m0), 0.0
+    g, new = np.zeros(n), np.zeros(n)
+    for i in range(len(weight) - 1, -1, -1):
+        # a view of a matrix would count references, which takes as long as all else
+        phi, gamma = min(i, len(Phi) - 1), min(i, len(Gamma) - 1)
+        h, psi = min(i, len(H) - 1), min(i, len(Psi) - 1)
+        total += (weight[i] * Psi[psi])**2
         for row in range(n):
-            g[row] += weight * H[row]
-        for row in range(n):
+            g[row] += weight[i] * H[h, row]
             new[row] = 0.0
+        for column in range(Gamma.shape[2]):
+            of_noise = 0.0
+            for row in range(n):
+                of_noise += g[row] * Gamma[gamma, row, column]
+            total += of_noise * of_noise
+        for row in range(n):
             for column in range(n):
-                total += g[row] * Q[row, column] * g[column]
-                new[row] += Phi[column, row] * g[column]
+                new[column] += Phi[phi, row, column] * g[row]
         for row in range(n):
             g[row] = new[row]
     mean = 0.0
@@ -2764,7 +2801,7 @@ def model_allan_variance(filt, m):
     m is a number or an array of numbers.
 
     For a process that is not stationary, the expectation is that of its first 2 m
-    samples. `filt` must not depend on time.
+    samples.
 
     Examples
     --------
@@ -2773,10 +2810,8 @@ def model_allan_variance(filt, m):
     >>> round(float(model_allan_variance(white_noise(1.0, 2.0), 4)), 12)
     1.0
     """
-    Gamma = filt.Gamma[0]
-    process = [_functional_variance(one, filt.Phi[0], Gamma @ Gamma.T, filt.H[0],
-                                    filt.m0, filt.P0) for one in np.ravel(m)]
-    return np.reshape(process, np.shape(m)) + filt.Psi[0]**2 / m
+    return np.reshape([mean_square(np.repeat([-1.0, 1.0], one) / (np.sqrt(2.0) * one),
+                                   *filt) for one in np.ravel(m)], np.shape(m))
 
 
 class Misfit(NamedTuple):

@@ -11,9 +11,11 @@ import sensorid as s
 
 def test_allan_variance_equals_the_definition():
     omega = np.random.default_rng(1).normal(size=200)
-    for m in (1, 2, 7, 100):
-        assert_allclose(s.allan_variance(omega, 0.3, m), naive.allan_variance(omega, m),
-                        rtol=1e-10)
+    m = [1, 2, 7, 100]
+    expected = [naive.allan_variance(omega, k) for k in m]
+    assert_allclose(s.allan_variance(omega, 0.3, m), expected, rtol=1e-10)
+    assert s.allan_variance([omega, omega], 0.3, 7).tolist() == 2 * [
+        s.allan_variance(omega, 0.3, 7)]
 
 
 def test_allan_deviation_equals_allantools():

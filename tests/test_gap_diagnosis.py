@@ -6,7 +6,8 @@ import generator
 import numba
 import numpy as np
 import pytest
-from conftest import DT, MODEL, WHITE, WHITE_OF_A_RANGE, diagnosed, white_with
+from conftest import (
+    DT, MODEL, WHITE, WHITE_OF_A_RANGE, diagnosed, member, white_with)
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sensorid
@@ -34,8 +35,16 @@ def test_means_that_a_simulator_expects():
     h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5, bias_sigma=2.0)
     n = 1000
     exact = np.sqrt(4.0 + 0.01 * (n + 1) * (2 * n + 1) / (6 * n) + 0.25 / n)
-    # 64 means: a standard error of 1 / sqrt(128)
-    assert abs(diagnosis.expected_mean([h], DT, n) / exact - 1.0) < 4.0 / np.sqrt(128.0)
+    assert_allclose(diagnosis.expected_mean([h], DT, n), exact, rtol=1e-12)
+    # over a prior, and of noises that change: 256 means, a standard error of
+    # 1 / sqrt(512)
+    scene = Scene(np.zeros(n), DT, {})
+    for name in "noise_step", "walk_step":
+        some = [member(scene, one, name).fixed({
+            (name, "onset"): 300.0 * DT, (name, "ratio"): 3.0}) for one in MODEL]
+        means = sensorid.simulate(some, DT, n, 256, seed=1).error.mean(1)
+        assert_allclose(diagnosis.expected_mean(some, DT, n),
+                        np.sqrt(np.mean(means**2)), rtol=4.0 / np.sqrt(512.0))
 
 
 @pytest.mark.large

@@ -44,21 +44,30 @@ def ln_bayes(scene, h, name):
     if CATALOGUE[name].drive:
         return full.log_evidence - base.log_evidence, screens.change_of_drive(
             CATALOGUE[name], scene, base.member, (), base.theta).about
+    if name not in screens.SCREENS:
+        return full.log_evidence - base.log_evidence, screens.change_of_level(
+            CATALOGUE[name], scene, base.member, (), base.theta)
     z = seen.z[0, 0]
     return full.log_evidence - base.log_evidence, screens.screened(
         CATALOGUE[name], scene, z, screens.usual_variance(z, seen.log_score[0, 0]))
 
 
-@pytest.mark.parametrize("name", [*screens.SCREENS, "walk_step"])
+@pytest.mark.parametrize("name", [*screens.SCREENS, "walk_step", "random_telegraph",
+                                  "random_steps"])
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_a_screen_tells_about_what_the_filters_tell(name, share):
     rng = np.random.default_rng(8)
     y = np.cumsum(0.05 * rng.standard_normal(1500)) + 0.5 * rng.standard_normal(1500)
     late = np.arange(1500) > 900
-    other = dict(noise_step=0.4 * late, walk_step=0.2 * late,
-                 outliers=2.0 * (rng.random(1500) < 0.01))[name]
-    more = share * other * rng.standard_normal(1500)
-    scene = Scene(y + (np.cumsum(more) if name == "walk_step" else more), DT, {})
+    rare = rng.random(1500) < 0.01
+    other = dict(noise_step=0.4 * late, walk_step=0.2 * late, outliers=2.0 * rare,
+                 noise_bursts=0.7 * (np.cumsum(rare) % 2),
+                 random_telegraph=1.2 * (np.cumsum(rare) % 2), random_steps=rare)[name]
+    if name != "random_telegraph":
+        other = other * rng.standard_normal(1500)
+    if name in ("walk_step", "random_steps"):
+        other = np.cumsum(other)
+    scene = Scene(y + share * other, DT, {})
     exact, about = ln_bayes(scene, member(scene, MODEL[0]), name)
     assert (exact > 3.0) == bool(share)
     assert_allclose(about, exact, atol=1.0 + 0.2 * abs(exact))

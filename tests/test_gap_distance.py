@@ -149,13 +149,13 @@ def test_a_line_that_sweeps_stands_out_where_it_begins_and_ends():
     assert swept.mean() > others.mean() + 4.0 * others.std()
     assert_allclose((one.low, one.high), (0.8, 3.5), atol=0.35)    # three lines
     # plain sums along every line
-    power = rng.exponential(size=(1, 5, 7))
-    largest, ends = np.zeros(1), np.zeros((1, 2), int)
-    places._largest_track(0, 1, power, largest, ends)
-    sums = {(a, b): sum(power[0, k, int(np.floor(a + (b - a) * (k + 0.5) / 5 + 0.5))]
+    power = rng.exponential(size=(5, 7, 2))
+    largest, ends = np.zeros(2), np.zeros((2, 2), int)
+    places._largest_track(1, 2, power, largest, ends)
+    sums = {(a, b): sum(power[k, int(np.floor(a + (b - a) * (k + 0.5) / 5 + 0.5)), 1]
                         for k in range(5)) for a in range(7) for b in range(7)}
-    assert tuple(ends[0]) == max(sums, key=sums.get)
-    assert_allclose(largest[0], max(sums.values()))
+    assert tuple(ends[:, 1]) == max(sums, key=sums.get)
+    assert_allclose(largest[1], max(sums.values()))
 
 
 def test_what_was_not_fitted_shows_no_gap_where_there_is_none():
@@ -209,7 +209,8 @@ def test_the_number_of_threads_changes_no_bit():
             numba.set_num_threads(threads)
             gap = distance.distance(scene, fit, 9)
             told.append(np.concatenate([gap.null.ravel(), gap.z, *(
-                scans.family_bayes(scene, family, solved, signatures.bayes_table())
+                scans.family_bayes(scene, family, solved, solved.node(0),
+                                   signatures.bayes_table())
                 for family in listed)]))
     finally:
         numba.set_num_threads(before)

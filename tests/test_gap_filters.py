@@ -278,3 +278,20 @@ def test_products_of_rows_do_not_depend_on_how_they_are_shared_out():
     one_by_one = [kernels.row_products(row[None], columns)[0] for row in rows]
     assert_array_equal(whole, one_by_one)
     assert_allclose(kernels.row_products(rows, columns[:2]), whole[:, :2], atol=1e-11)
+
+
+@pytest.mark.parametrize("name", [None, "correlated_noise"])
+def test_what_records_share_gives_the_likelihoods_of_each(name):
+    y = sensorid.simulate(MODEL[1:], DT, 400, 3, seed=4).error
+    y[:, 100:120] = np.nan
+    scene = Scene(y[0], DT, {})
+    h = member(scene, MODEL[1], *([name] if name else []))
+    count = len(sensorid.free_columns(h.parameters))
+    theta = sensorid.at_quantiles(h.parameters, np.random.default_rng(5).uniform(
+        0.2, 0.8, (4, count)))
+    t = np.arange(400)
+    signatures = [filters.Signature(None, columns, 2.0) for columns in (
+        np.column_stack([np.cos(t), np.sin(t)]), (t / 1e4)[:, None])]
+    known = filters.shared(h, scene, signatures, theta, np.isnan(y[0]))
+    assert_allclose(known.log_likelihoods(y), filters.filtered(
+        h, scene, signatures, theta, y), rtol=1e-11)

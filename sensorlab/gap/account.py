@@ -4,12 +4,12 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, ndtri
+from scipy.special import ndtri
 
 from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.catalogue import beside, join
 from sensorlab.gap.effects import Effect, Found, Simulator
-from sensorlab.gap.evidence import effort, integrate, onset_law
+from sensorlab.gap.evidence import effort, integrate, log_sum, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, predict
 from sensorlab.gap.kernels import smoothed
 from sensorlab.gap.screens import LAWS, STRENGTHS, change_of_drive, usual_variance
@@ -222,7 +222,7 @@ def _is_same(p, q):
 
 def mean_evidence(log_evidence):
     """Log of the mean over hypotheses of equal prior probability."""
-    return float(logsumexp(log_evidence) - np.log(len(log_evidence)))
+    return float(log_sum(log_evidence) - np.log(len(log_evidence)))
 
 
 def evidence_error(samples, number=0):
@@ -286,11 +286,19 @@ def gaussian(scene, acc):
 
 def as_simulated(acc, scene, theta, widths=None):
     """The most probable hypothesis of an account, and its effects, with numbers for
-    parameters, as a `Simulator`.
+    parameters, as a `Simulator`; of several theta (M, p), all are equally probable.
 
     `widths` (p,) turns those of the base into ranges theta -+ width. Of a record that
     is clipped the bias counts, as the limits stand still: it is that of the scene.
     """
+    thetas = np.atleast_2d(theta)
+    sized = with_sizes(acc, scene, thetas)
+    return Simulator(*zip(*(_with_numbers(acc, one, widths, own)
+                            for one, own in zip(thetas, sized))))
+
+
+def _with_numbers(acc, theta, widths, sized):
+    """The hypothesis and the effects of `as_simulated` at one theta (p,)."""
     base = acc.bases[acc.best].hypothesis
     clipped = any("limits" in r.found.values for r in acc.readings)
     widths = np.zeros(len(theta)) if widths is None else widths
@@ -304,9 +312,8 @@ def as_simulated(acc, scene, theta, widths=None):
     inside = [one._replace(values=fixed(**acc.member.of(one, scaled)))
               for one in acc.member.effects
               if not (one.effect.reading or one.effect.factor)]
-    return Simulator((h,), ((*inside, *with_sizes(acc, scene, theta),
-                             *(r.found for r in acc.readings
-                               if r.found.values.get("lsb", 1.0))),))
+    return h, (*inside, *sized, *(r.found for r in acc.readings
+                                  if r.found.values.get("lsb", 1.0)))
 
 
 def _around(p, value, width):
@@ -316,15 +323,23 @@ def _around(p, value, width):
     return Parameter(p.symbol, low, high)
 
 
-def with_sizes(acc, scene, theta):
-    """The signatures of an account, as `Found`, with their least-squares sizes."""
+def with_sizes(acc, scene, thetas):
+    """Lists of the signatures of an account, as `Found`, with their least-squares sizes
+    at each theta.
+    """
     if not acc.signatures:
-        return []
+        return [[]] * len(thetas)
     masked, hypotheses = gaussian(scene, acc)
     plain = hypotheses[acc.best]
-    at = acc.member.matching(plain, theta)[None]
-    sizes, result = iter(estimated(plain, masked, acc.signatures, at).size[0, 0]), []
-    for s in acc.signatures:
+    at = np.array([acc.member.matching(plain, theta) for theta in thetas])
+    return [_sized(acc.signatures, iter(sizes)) for sizes in estimated(
+        plain, masked, acc.signatures, at).size[0]]
+
+
+def _sized(signatures, sizes):
+    """Signatures as `Found` with the sizes of their columns, one after another."""
+    result = []
+    for s in signatures:
         size = [next(sizes) for _ in range(s.columns.shape[1])]
         values = {**s.found.values, s.found.effect.size: np.hypot(*size)
                   if len(size) == 2 else size[0]}

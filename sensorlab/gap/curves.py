@@ -205,8 +205,7 @@ def _simulated(scene, simulator, m):
     for first in range(0, count, block):
         drawn = simulate_effects(simulator, scene, min(block, count - first), 1, first
                                  ).error
-        adev.append(np.sqrt([allan_variance(drawn, scene.dt, k) for k in m]).reshape(
-            len(m), len(drawn)).T)
+        adev.append(np.sqrt(allan_variance(drawn, scene.dt, m)))
         density.append(noise_density(drawn, scene.dt)[1])
     return [np.nanquantile(np.vstack(part), INSIDE, axis=0) for part in (adev, density)]
 

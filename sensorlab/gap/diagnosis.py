@@ -6,7 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import Parameter, as_samples, brief, random_walk, rate_ramp, simulate
+from scipy.stats.qmc import LatinHypercube
+
+from sensorid import (
+    Parameter, as_samples, at_quantiles, brief, free_columns, mean_square, random_walk,
+    rate_ramp)
 from sensorlab.gap.account import Account, account, as_simulated, fixed
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
@@ -15,7 +19,7 @@ from sensorlab.gap.costs import check_memory, heard_by, say
 from sensorlab.gap.distance import Gap, distance, enough_trials
 from sensorlab.gap.drift import drift
 from sensorlab.gap.effects import (
-    BLOCK, Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
+    Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing
@@ -129,7 +133,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
 
     def glanced(acc, near=None):
         say("measuring what is left", 2)
-        return measured(acc, near, trials or enough_trials(full), None)
+        return measured(acc, near, trials or enough_trials(full))
     new = [r for r in seen if r.log_bayes]
     start = _with_readings(full, bases, free, seen) if new else base
     found = Cause(tuple(map(missing, new)), 1.0, sum(r.log_bayes for r in new))
@@ -331,13 +335,19 @@ def _with_bias(h, bias_sigma):
     return h._replace(hypothesis=h.hypothesis._replace(bias_sigma=bias_sigma))
 
 
+PRIOR_NODES = 32    # parameters that stand for a prior
+
+
 def expected_mean(hypotheses, dt, samples):
-    """Root mean square of the means of 64 simulated records, u."""
-    block = int(np.clip(BLOCK // samples, 1, 64))
-    means = np.concatenate([
-        simulate(hypotheses, dt, samples, min(block, 64 - first), first=first
-                 ).error.mean(1) for first in range(0, 64, block)])
-    return float(np.sqrt(np.mean(means**2)))
+    """Root mean square of the means of simulated records, u."""
+    weight, squares = np.full(samples, 1.0 / samples), []
+    for h in hypotheses:
+        free = len(free_columns(h.parameters))
+        u = LatinHypercube(max(free, 1), rng=0).random(PRIOR_NODES if free else 1)
+        squares.append(h.bias_sigma**2 + np.mean([
+            mean_square(weight, *h.filter(dt, theta))
+            for theta in at_quantiles(h.parameters, u[:, :free])]))
+    return float(np.sqrt(np.mean(squares)))
 
 
 def _with_readings(full, bases, signatures, read):

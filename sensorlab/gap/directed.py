@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from sensorid import probabilities, side_by_side
 from sensorlab.gap.account import account
 from sensorlab.gap.effects import BLOCK, Found, columns_of, psi_of
-from sensorlab.gap.evidence import Sample, effort, normalized
+from sensorlab.gap.evidence import Sample, effort, log_sum, normalized
 from sensorlab.gap.filters import Signature, log_likelihoods, solve
 from sensorlab.gap.scans import family_bayes, is_coarse, refined, scores
 from sensorlab.gap.signatures import SIZES, bayes_table, log_bayes
@@ -75,21 +75,29 @@ def _scored(scene, reference, latest, listed, table):
              for begin in range(0, len(theta), most)]
     found = [[] for _ in nodes]
     for some in _together(parts, most):
-        solved = side_by_side(lambda part: solve(
-            reference.hypotheses[part[0]], scene, reference.signatures, part[1]), some)
+        solved = side_by_side(lambda part: _for_scans(solve(
+            reference.hypotheses[part[0]], scene, reference.signatures, part[1])), some)
         # scans take longest: they begin
         order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
         bayes = dict(side_by_side(
-            lambda job: (job, family_bayes(scene, listed[job[0]], solved[job[1]],
+            lambda job: (job, family_bayes(scene, listed[job[0]], *solved[job[1]],
                                            table)),
             list(itertools.product(order, range(len(some))))))
         for at, (number, _) in enumerate(some):
-            base = solved[at].base
+            base = solved[at][0].base
             found[number].append(np.column_stack([base, *(
                 base + bayes[k, at] for k in range(len(listed)))]))
     return [_Scored(theta, np.vstack(ll), h, latest, past.log_evidence[0])
             for theta, ll, h, past in zip(nodes, found, reference.hypotheses,
                                           latest.samples)]
+
+
+def _for_scans(solved):
+    """`Solved` of nodes, and of the likeliest, which scans are of: its steps alone are
+    kept.
+    """
+    one = solved.node(int(solved.base.argmax()))
+    return solved._replace(steps=None), one._replace(steps=one.steps.copy())
 
 
 def _nodes(scene, latest, past):
@@ -117,11 +125,11 @@ def _pooled(scene, scored, past):
     theta = np.vstack([s.theta for s in scored])
     ll = np.vstack([s.log_likelihood for s in scored])
     # ln of the density of the mixture that the nodes are from, over that of the prior
-    mixture = logsumexp([
+    mixture = log_sum([
         np.log(len(s.theta)) - s.log_evidence + log_likelihoods(
             s.hypothesis, scene, s.account.signatures, theta) for s in scored], axis=0)
     return Sample(theta, None, -mixture, ll, np.append(
-        none, logsumexp(ll[:, 1:] - mixture[:, None], axis=0)))
+        none, log_sum(ll[:, 1:] - mixture[:, None], axis=0)))
 
 
 def _ill_known(samples, enough, added):

@@ -12,8 +12,9 @@ from sensorid import brief, free_columns, side_by_side
 from sensorlab.gap.account import as_simulated, gaussian
 from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import (
-    BLOCK, LONG_RECORD, Scene, Simulator, simulate_effects)
-from sensorlab.gap.filters import Filter, filter_of, filtered, predict
+    BLOCK, LONG_RECORD, Scene, simulate_effects)
+from sensorlab.gap.filters import (
+    Filter, Shared, filter_of, filtered, predict, shared)
 from sensorlab.gap.places import PLACES, Statistics, statistics
 from sensorlab.gap.probes import Probes, probes
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
@@ -93,11 +94,10 @@ class _Setting(NamedTuple):
             read -= self.scene.known
         return read, without_readings(self.scene, read, self.acc.readings)
 
-    def simulator(self, *thetas):
-        """The account's simulator at each theta, all equally probable."""
-        parts = [as_simulated(self.acc, self.fitted, theta) for theta in thetas]
-        return Simulator(tuple(p.hypotheses[0] for p in parts),
-                         tuple(p.effects[0] for p in parts))
+    def simulator(self, theta):
+        """That of the account at theta, or, all equally probable, at each of several.
+        """
+        return as_simulated(self.acc, self.fitted, theta)
 
 
 def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
@@ -111,7 +111,8 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     is taken away, but the simulated records have parameters drawn from the posterior.
     With `before`, the gap to another simulator, as many simulated records as usual are
     held against that one as well. `near` is the gap to a like account, if it is known;
-    of this very account and with this seed, its simulated records are the first.
+    of this very account, with this seed and `before`, its simulated records are the
+    first.
     """
     trials = trials or enough_trials(scene)
     again = near is not None and near.ruler.fit.setting.acc is acc
@@ -123,8 +124,8 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
         fit = _Refit(setting, [] if first else free_columns(acc.member.parameters))
         truth = fit.truth(seed, near)
         seen = _filter_and_probes(setting, near or before)
-    simulator = setting.simulator(
-        *(acc.sample.nodes(POSTERIOR_NODES) if first else [truth]))
+    fit = fit.prepared()
+    simulator = setting.simulator(acc.sample.nodes(POSTERIOR_NODES) if first else truth)
     ruler = _Ruler(fit, *seen)
     real, stats, gain = ruler.laid(scene.y[None], setting.own, True)
     block = int(np.clip(BLOCK // len(scene.y), 1, -(-trials // 2)))
@@ -135,18 +136,12 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
         _, part, gains = ruler.laid(*read)
         return Drawn(number, part.value, gains, before.ruler.measured(read[0])
                      if number < compared else None)
-
-    def beside(part):
-        if part.first >= compared or part.beside is not None:
-            return part
-        read, _ = setting.drawn(simulator, len(part.gains), seed, part.first)
-        return part._replace(beside=before.ruler.measured(read))
     known = sum(len(part.gains) for part in drawn)
-    drawn = side_by_side(beside, drawn) + side_by_side(
-        measured, range(known, trials, block))
+    drawn += side_by_side(measured, range(known, trials, block))
     ruler, null = ruler.marked(np.vstack([part.statistics for part in drawn]),
                                np.vstack([part.gains for part in drawn]), stats)
     d = ruler.distances(stats.value, gain)[0]
+    ruler = ruler._replace(fit=fit._replace(shared=None))    # it is long
     stats = stats._replace(value=stats.value[0])
     return Gap(stats, d, null, *p_values(stats.place, ruler.usable, d, null), truth,
                real.z[0, 0], real.log_score[0, 0], ruler, np.vstack(
@@ -204,7 +199,24 @@ class _Refit(NamedTuple):
     """The fit of an account, for records like that of its scene."""
 
     setting: _Setting
-    free: list    # columns of the parameters that are fitted
+    free: list               # columns of the parameters that are fitted
+    shared: Shared = None    # of all records, if columns are known
+
+    def prepared(self):
+        """The same with what all records share."""
+        acc, setting = self.setting.acc, self.setting
+        if not (self.free and acc.signatures) or acc.member.has_jumps or (
+                acc.member.driven):
+            return self
+        return self._replace(shared=shared(
+            acc.member, setting.scene, acc.signatures, self.nodes,
+            np.isnan(setting.own[0])))
+
+    @property
+    def nodes(self):
+        """Parameters (d + 1, p) at a step in each, and at none."""
+        acc = self.setting.acc
+        return np.vstack([acc.theta + np.diag(self.step)[self.free], acc.theta])
 
     @property
     def step(self):
@@ -220,11 +232,12 @@ class _Refit(NamedTuple):
         """
         if not self.free:
             return np.zeros((len(masked), 0))
-        acc, scene = self.setting.acc, self.setting.scene
-        nodes = acc.theta + np.diag(self.step)[self.free]
-        if middle is None:
-            nodes = np.vstack([nodes, acc.theta])
-        ll = filtered(acc.member, scene, acc.signatures, nodes, masked)
+        acc, known = self.setting.acc, self.shared
+        if known is not None and (np.isnan(masked) == known.gap).all():
+            ll = known.log_likelihoods(masked)
+        else:
+            ll = filtered(acc.member, self.setting.scene, acc.signatures, self.nodes[
+                slice(None if middle is None else -1)], masked)
         return ll[:, :-1] - ll[:, -1:] if middle is None else ll - middle
 
     def truth(self, seed, near):

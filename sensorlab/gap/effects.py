@@ -208,7 +208,7 @@ class Member(NamedTuple):
 
     def filter(self, dt, theta):
         """Shaping filter at one value of the parameters, or at all nodes (p, M, 1)."""
-        theta = iter(np.moveaxis(self.in_units(np.moveaxis(theta, 0, -1)), -1, 0))
+        theta = iter(self.in_units(np.transpose(theta)).T)
         filt = self.hypothesis.filter(dt, [next(theta) for _ in
                                            self.hypothesis.parameters])
         values = [{symbol: next(theta) for symbol in one.values}

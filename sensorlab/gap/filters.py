@@ -358,7 +358,7 @@ class Gram(NamedTuple):
 
 def products(h, scene, y, columns, theta):
     """`Gram` of records y (R, N) and of columns, of which there are few."""
-    rows, gap = np.array([*y, *columns]), np.isnan(y[0])
+    rows, gap = np.array([*y, *columns]), np.flatnonzero(np.isnan(y[0]))
     rows[:, gap] = 0.0
     # of one size: a sum must not lose the smaller of two columns
     size = np.array([np.sqrt(dot(row, row) / len(row)) or 1.0 for row in rows])
@@ -367,7 +367,7 @@ def products(h, scene, y, columns, theta):
     pairs = [(i, j) for i in range(R, R + c) for j in range(i)]
     rows[:, gap] = np.nan
     b = _bank(h, scene, theta)
-    sums = summed(b, _parts_at(h, scene, theta, b), rows, pairs)
+    sums = summed(b, _parts_at(h, scene, theta, b), rows, pairs or None)
     result = np.empty((R, len(theta), c + 2, c + 2))
     result[..., -1, -1] = sums.information
     # a record is in the first place of its own products, a column in those of all
@@ -386,7 +386,47 @@ def products(h, scene, y, columns, theta):
     return Gram(sums.count, sums.log_det, result)
 
 
-def summed(b, parts, rows, pairs=()):
+class Shared(NamedTuple):
+    """What a record shares with others that miss the same samples, where columns are
+    known, at M nodes.
+    """
+
+    bank: Bank
+    parts: Parts
+    variance: np.ndarray    # (c + 1,) of the sizes of the columns and of the bias
+    gram: Gram              # of columns
+    w: np.ndarray           # (c M, N) C^-1 of columns
+    gap: np.ndarray         # (N,)
+
+    __repr__ = brief
+
+    def log_likelihoods(self, y):
+        """ln f(Y / theta) (R, M) of records y (R, N)."""
+        sums, gram = summed(self.bank, self.parts, y, None), np.repeat(
+            self.gram.products, len(y), axis=0)
+        gram[..., 0, 0], gram[..., 0, -1] = sums.chi2, sums.score
+        gram[..., 0, 1:-1] = row_products(self.w, np.where(self.gap, 0.0, y)).reshape(
+            -1, gram.shape[1], len(y)).T
+        gram[..., 1:, 0] = gram[..., 0, 1:]
+        return marginal(gram, sums.log_det, sums.count, self.variance).log_likelihood
+
+
+def shared(h, scene, signatures, theta, gap):
+    """`Shared` of records with this gap (N,) and a hypothesis without jumps, its states
+    driven evenly.
+    """
+    columns = np.vstack([s.columns.T for s in signatures])
+    b, variance = _bank(h, scene, theta), constants(h, signatures)
+    one = _parts_at(h, scene, theta, b)
+    w, *_ = adjoint(np.where(gap, 0.0, columns), 1.0 - gap, one.h, one.own, one.pair,
+                    one.later, one.r)
+    # the first column stands for a record
+    gram = products(h, scene, np.where(gap, np.nan, columns[:1]), columns, theta)
+    return Shared(b, one, np.append(variance[1:], variance[0]), gram,
+                  w.reshape(-1, len(gap)), gap)
+
+
+def summed(b, parts, rows, pairs):
     """`Sums` of rows (C, N) under the filters of a bank, as `filter_bank` gives them,
     with the change of the noise of states that `Parts` know.
     """
@@ -396,7 +436,7 @@ def summed(b, parts, rows, pairs=()):
     gap, H = np.isnan(rows[0]), np.tile(parts.h, (rows.shape[1], 1))
     rows = np.vstack([rows, np.where(gap, np.nan, 1.0)])
     result = Sums(N - gap.sum(), *np.empty((2, C, M)), *np.empty((2, M)),
-                  np.empty((len(pairs), M)))
+                  np.empty((len(pairs or ()), M)))
     for k in range(M):
         one = _filter_at(parts, H, k, gap)
         z = np.where(gap, 0.0, one.whitened(rows))
@@ -404,7 +444,7 @@ def summed(b, parts, rows, pairs=()):
         result.score[:, k] = z[:-1] @ z[-1]
         result.information[k] = z[-1] @ z[-1]
         result.log_det[k] = one.log_f[~gap].sum()
-        result.products[:, k] = [z[i] @ z[j] for i, j in pairs]
+        result.products[:, k] = [z[i] @ z[j] for i, j in pairs or ()]
     return result
 
 

@@ -139,12 +139,18 @@ def load(own, pair, node, parts, P):
 
 @njit(**JIT)
 def drive(own, node, later, i, parts):
-    """The noises of the states of all lanes at sample i, which change at `later` (M,).
+    """The noises of the states of all lanes at sample i, which change at `later` (M,);
+    the next sample at which one does, -1 if none.
     """
-    for s in range(own.shape[2]):
-        for g in range(parts.shape[2]):
-            k = 6 if i >= later[node[g]] else 2
+    due = -1
+    for g in range(parts.shape[2]):
+        change = later[node[g]]
+        k = 6 if i >= change else 2
+        for s in range(own.shape[2]):
             parts[2, s, g], parts[3, s, g] = own[k, node[g], s], own[k + 1, node[g], s]
+        if i < change and (due < 0 or change < due):
+            due = change
+    return due
 
 
 @njit(**JIT)
@@ -251,12 +257,11 @@ def whiten(y, H, turned, pair, gain, per_sigma):
 def _whiten_one(y, H, turned, pair, gain, per_sigma, z):
     """`whiten` of one record, without the cost of lanes."""
     (N, n), (a, b) = H.shape, turned
-    x, before = np.zeros(n), np.empty(n)
+    x = np.zeros(n)
     for i in range(N):
         nu = y[i]
-        before[:] = x
+        _turn_one(a, b, pair, x)
         for s in range(n):
-            x[s] = a[s] * before[s] + b[s] * before[pair[s]]
             nu -= H[i, s] * x[s]
         if not np.isnan(nu):
             for s in range(n):
@@ -288,6 +293,19 @@ def _whiten_groups(first, last, lanes, y, H, turned, pair, gain, per_sigma, z):
                 z[begin + g, i] = nu[g] * per_sigma[i]
 
 
+@njit(**JIT)
+def _turn_one(a, b, pair, x):
+    """`turn` of one lane."""
+    for s in range(len(pair)):
+        t = pair[s]
+        if t == s:
+            x[s] *= a[s]
+        elif t > s:
+            old = x[s]
+            x[s] = a[s] * old + b[s] * x[t]
+            x[t] = a[t] * x[t] + b[t] * old
+
+
 def whiten_back(u, first, H, turned, pair, gain, per_sigma):
     """The transpose of `whiten`: what it makes of records that are 0 up to the sample
     `first`, times u (R, N - first), is these records times the result, of that shape.
@@ -304,16 +322,15 @@ def whiten_back(u, first, H, turned, pair, gain, per_sigma):
 @njit(**KERNEL)
 def _whiten_one_back(u, first, H, turned, pair, gain, per_sigma, result):
     """`whiten_back` of one record, without the cost of lanes."""
-    n, (a, b) = H.shape[1], turned
-    x, after = np.zeros(n), np.empty(n)
+    n, a, b = H.shape[1], turned[0], turned[1][pair]    # of Phi'
+    x = np.zeros(n)
     for i in range(first + len(u) - 1, first - 1, -1):
         nu = u[i - first] * per_sigma[i]
         for s in range(n):
             nu += gain[i, s] * x[s]
         for s in range(n):
-            after[s] = x[s] - H[i, s] * nu
-        for s in range(n):
-            x[s] = a[s] * after[s] + b[pair[s]] * after[pair[s]]
+            x[s] -= H[i, s] * nu
+        _turn_one(a, b, pair, x)
         result[i - first] = nu
 
 
@@ -441,10 +458,11 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                              P.reshape(n, n, levels, lanes))
         A, apart, new = (np.empty((n, *by_path)), np.empty((n, levels, lanes)),
                          np.empty((levels, lanes)))
+        due = 0 if len(later) else -1
         for i in range(N):
             h, h2 = H[i], H[i, moved] * H[i, moved]
-            if len(later):
-                drive(own, node, later, i, parts)
+            if i == due:
+                due = drive(own, node, later, i, parts)
             for g in range(lanes):
                 value[g] = y[record[g], i]
             for path in range(levels * levels):
@@ -791,10 +809,10 @@ def _go_there(y, observed, noise, h, own, node, later, begin, parts, of_columns,
     Ph, turned, f, w = (np.empty((n, lanes)), np.empty((n, lanes)), np.empty(lanes),
                         np.empty(lanes))
     nu, all_x = np.empty((C, lanes)), x.reshape(n, C * lanes)
-    all_nu = nu.ravel()
+    all_nu, due = nu.ravel(), begin if len(later) else -1
     for i in range(N):
-        if len(later):
-            drive(own, node, later, begin + i, parts)
+        if begin + i == due:
+            due = drive(own, node, later, due, parts)
         for g in range(lanes):
             f[g] = noise[i, g]
         turn_covariance(parts, pair, P)

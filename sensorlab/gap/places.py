@@ -194,47 +194,48 @@ def _moving_line(r):
     several = max(round(parts / TRACKED), 1)    # are summed
     parts = parts // several * several
     power = power[:, :parts].reshape(R, -1, several, power.shape[2]).sum(2)
-    largest, ends = np.zeros(R), np.zeros((R, 2), int)
-    in_threads(_largest_track, R, power, largest, ends)
-    yield _One(*(np.sort(ends[0] + 1) / (length * r.scene.dt)),
+    largest, ends = np.zeros(R), np.zeros((2, R), int)
+    in_threads(_largest_track, R, np.moveaxis(power, 0, -1).copy(), largest, ends)
+    yield _One(*(np.sort(ends[:, 0] + 1) / (length * r.scene.dt)),
                _largest_score(log_ndtr(-_chi2_score(2.0 * largest, 2 * parts)),
                               0.5 * power.shape[2]**2))    # neighbours are alike
 
 
 @njit(**KERNEL)
 def _largest_track(first, last, power, largest, ends):
-    """Of powers (R, parts, frequencies): the largest sum along straight lines from the
-    first part to the last, and the frequencies of its ends (R, 2).
+    """Of powers (parts, frequencies, R), records side by side: the largest sum along
+    straight lines from the first part to the last, and the frequencies of its ends
+    (2, R).
     """
-    _, parts, F = power.shape
-    sums = np.empty(F)
-    for record in range(first, last):
-        for begin in range(F):
-            for k in range(F):
+    parts, F, _ = power.shape
+    sums = np.empty(last - first)
+    for begin in range(F):
+        for end in range(F):
+            for k in range(len(sums)):
                 sums[k] = 0.0
             for part in range(parts):
                 share = (part + 0.5) / parts
-                for k in range(F):
-                    sums[k] += power[record, part, int(begin + (k - begin) * share + 0.5
-                                                       )]
-            for k in range(F):
-                if sums[k] > largest[record]:
-                    largest[record] = sums[k]
-                    ends[record, 0], ends[record, 1] = begin, k
+                at = int(begin + (end - begin) * share + 0.5)
+                for k in range(len(sums)):
+                    sums[k] += power[part, at, first + k]
+            for k in range(len(sums)):
+                if sums[k] > largest[first + k]:
+                    largest[first + k] = sums[k]
+                    ends[0, first + k], ends[1, first + k] = begin, end
 
 
 def _in_averaging_time(r):
     """Allan deviations of the records by octave; long clusters move on by a CLUSTER-th
     of their length.
     """
-    y, dt, m = r.y, r.scene.dt, 1
-    for _ in range(int(np.log2(max(len(r.scene.y) // 3, 1))) + 1):
-        variance = allan_variance(y, dt, m)
-        yield _One(m * dt, m * dt, 0.5 * np.log(variance + 1e-300))
-        if m < CLUSTER:
-            m *= 2
-        else:
-            y, dt = _pair_means(y), 2.0 * dt
+    y, dt = r.y, r.scene.dt
+    m = 2**np.arange(int(np.log2(max(len(r.scene.y) // 3, 1))) + 1)
+    variances = list(allan_variance(y, dt, m[m <= CLUSTER]).T)
+    while len(variances) < len(m):
+        y = _pair_means(y)
+        variances.append(allan_variance(y, dt, CLUSTER))
+    for tau, variance in zip(m * dt, variances):
+        yield _One(tau, tau, 0.5 * np.log(variance + 1e-300))
 
 
 def _pair_means(y):

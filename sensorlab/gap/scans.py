@@ -158,18 +158,19 @@ FINER = dict(pulse=resolved_span, waves=_resolved_waves)
 LIKELY = 16    # signatures whose gains are exact at every node
 
 
-def family_bayes(scene, family, solved, table):
+def family_bayes(scene, family, solved, one, table):
     """ln of the mean Bayes factor over all signatures of a family, (M,).
 
-    Where there are thousands, a scan at the likeliest node tells which matter. At the
-    others these alone are computed: the sum over all is scaled by the same ratio.
+    Where there are thousands, a scan at `one` node, the likeliest, tells which matter.
+    At the others these alone are computed: the sum over all is scaled by the same
+    ratio.
     """
     if family.psi is not None:
         found = scores_at(scene, family, solved)
         return mean_bayes(found.gain, table[found.k])
     best = int(solved.base.argmax())
     found, rest, count = [], [], 0
-    for part in SCANS[family.effect.search](scene, family, solved.node(best)):
+    for part in SCANS[family.effect.search](scene, family, one):
         likely, share = _largest(part.gain), np.broadcast_to(
             part.log_share, part.gain.shape)
         found.append((part.gain[likely], share[likely], *part.of(likely)))

@@ -19,7 +19,7 @@ STRENGTHS = 13    # of the noise of states, that are tried
 NORMAL_MEDIAN = 0.6745    # of |z|
 SCALES = np.geomspace(0.5, 1.05, 25)    # of the other samples, where some are outliers
 DRIVES = "sigma_w", "sigma_m"    # what drives the states of a hypothesis
-DRIVEN = 1.0, 0.3    # times as strongly, where a level explains some of what they did
+DRIVEN = 1.0, 0.5, 0.25    # times as strongly, where a level explains some of it
 QUIET_SCALES = np.geomspace(0.5, 1.0, 4)    # of the samples outside bursts
 OF_BURSTS = 5     # values of each of their parameters that are tried
 PARTS = 2**14     # of a record, at most, each of which is in a burst or not
@@ -199,18 +199,26 @@ LEVEL_NODES = 4    # values of each parameter of a level that are tried
 
 def change_of_level(effect, scene, member, signatures, theta):
     """About ln B of an effect with jumps, from its filter at some values of its
-    parameters, beside a member at theta (p,) whose states are driven less.
+    parameters, then about the best of them, beside a member at theta (p,) whose states
+    are driven less.
     """
-    h, u = member.with_effect(effect), (np.arange(LEVEL_NODES) + 0.5) / LEVEL_NODES
-    values = np.meshgrid(DRIVEN, *(p.quantile(u) for p in effect.parameters(scene)),
-                         indexing="ij")
-    strength, *own = (v.reshape(-1, 1) for v in values)
+    h, priors = member.with_effect(effect), effect.parameters(scene)
     driven = [symbol in DRIVES for _, symbol in member.keys]
-    gain = log_likelihoods(h, scene, signatures, np.hstack(
-        [theta * np.where(driven, strength, 1.0), *own])) - log_likelihoods(
-        member, scene, signatures, theta[None])
-    gain = gain.reshape(len(DRIVEN), -1).max(0)
-    return float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0))
+    even = log_likelihoods(member, scene, signatures, theta[None])
+
+    def gains(strengths, *u):
+        at = np.stack(np.meshgrid(strengths, *u, indexing="ij"), -1).reshape(
+            -1, 1 + len(u))
+        own = [p.quantile(column) for p, column in zip(priors, at.T[1:])]
+        gain = log_likelihoods(h, scene, signatures, np.column_stack(
+            [theta * np.where(driven, at[:, :1], 1.0), *own])) - even
+        return at[gain.argmax()], gain.reshape(len(strengths), -1).max(0)
+    step, p = 1.0 / LEVEL_NODES, len(priors)
+    (strength, *u), gain = gains(DRIVEN, *p * [step * (np.arange(LEVEL_NODES) + 0.5)])
+    finer = np.arange(-1, 2) / 3.0
+    _, near = gains(strength * 2.0**finer, *(v + step * finer for v in u))
+    gain[gain.argmax()] = logsumexp(near) - p * np.log(3.0)
+    return float(min(logsumexp(gain) - p * np.log(LEVEL_NODES), near.max() - 2.0))
 
 
 def law_of_outliers(scene, effect, z, variance):

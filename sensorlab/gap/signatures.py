@@ -10,7 +10,7 @@ from typing import Callable, NamedTuple
 import numpy as np
 from numba import njit
 
-from sensorid import JIT, LANES, brief
+from sensorid import JIT, brief
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
 from sensorlab.gap.filters import summed
@@ -158,9 +158,7 @@ def families(scene, effects, signatures=()):
     return result
 
 
-# at least so many columns at a time: with the sums of pairs they fill half the lanes,
-# which takes no longer than all where two threads share the memory
-ROWS = {1: LANES // 2, 2: 10}
+ROWS = 6    # columns at a time, at least: of fewer, each takes longer
 
 
 class Block(NamedTuple):
@@ -183,7 +181,7 @@ def blocks(scene, family, psi=None):
                                             family.psi if psi is None else psi):
         N, k = columns.shape
         if block is None:
-            block = np.empty((max(BLOCK // (k * N), ROWS[k] // k), k, N))
+            block = np.empty((max(BLOCK // N, ROWS) // k, k, N))
         block[len(values)] = columns.T
         values.append(value)
         variants.append(variant)

@@ -42,9 +42,10 @@ class Twins:
         own = self.accounts[0]
         seen = as_read(self.scenes[0], own.readings)
         size = one.effect.size
-        theirs = _largest(one, with_sizes(own, seen, own.theta))
-        if one.effect.columns and _largest(one, with_sizes(acc, scene, acc.theta)[:-1]
-                                           ) < LOST * theirs and abs(
+        (theirs,), (known,) = (with_sizes(a, at, a.theta[None]) for a, at in (
+            (own, seen), (acc, scene)))
+        theirs = _largest(one, theirs)
+        if one.effect.columns and _largest(one, known[:-1]) < LOST * theirs and abs(
                 one.values[size][0]) < LARGER * theirs:
             return True    # it moved: what they have the record has not
         look = further_causes(seen, own, [one.effect])

@@ -147,6 +147,6 @@ def _bands(d):
         if name == "simulator" or d.found:
             drawn = simulate_effects(as_simulated(acc, d.scene, gap.theta), d.scene,
                                      DRAWN, 1).error
-            each = np.sqrt([allan_variance(drawn, d.scene.dt, k) for k in m])
-            curves[name] = np.nanquantile(each, [0.05, 0.95], axis=1)
+            each = np.sqrt(allan_variance(drawn, d.scene.dt, m))
+            curves[name] = np.nanquantile(each, [0.05, 0.95], axis=0)
     return curves
