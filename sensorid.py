@@ -820,13 +820,14 @@ def _gains(observed, node, memory, ak, w, c):
             p, e = memory[0, g], memory[1, g]
             f = p + r
             mu = 1.0 - e
-            k = a * p * o / f
-            w[i, g] = o / f
-            c[i, g] = mu * o / f
+            weight = o / f      # one division: it takes as long as all else
+            k = a * p * weight
+            w[i, g] = weight
+            c[i, g] = mu * weight
             ak[i, g] = k
             memory[0, g] = a * (a - k) * p + q
             memory[1, g] = a * e + k * mu
-            memory[2, g] += mu * mu * o / f
+            memory[2, g] += mu * mu * weight
             product[g] *= o * f + (1.0 - o)
         if i % 8 == 7 or i == n - 1:
             for g in range(GROUP):
