@@ -1,6 +1,6 @@
 """Real recordings: what a diagnosis says of a recording beside itself, beside another
 run of the same sensor, and of effects that are put into it; and whether the sum of
-components that `identify --compose` finds describes it.
+components that `identify --compose` finds describes it, and the next run.
 
 The recordings are not part of the project. They are looked for in shared/data/real
 beside it (see the README there); without them there is no figure. Stretches are of
@@ -30,6 +30,8 @@ SEED, N, DT = 16405, 4000, 0.01
 AXES = [(kind, axis) for kind in ("gyro", "accel") for axis in range(3)]
 NATS = 15.0, 30.0, 100.0
 DESCRIBED = 0.01              # p-value from which on a sum leaves no remainder
+MOVED = "none", "undecided", "wrong_parameter"    # a sum that describes the next run,
+                              # at least if its parameters move
 SIMULATORS, RECORDS = 200000, (240000, 600000)    # first samples of the stretches
 
 
@@ -168,13 +170,19 @@ def compute():
             y, columns = record(*case, np.random.default_rng([SEED, done]))
             if case[0] == "composed":
                 d = sensorlab.diagnose(y, DT, sensorid.default_hypotheses(y, DT))
+                _, _, number, run, first, _ = case
+                e = sensorlab.diagnose(stretch(run % 3 + 1, *AXES[number], first), DT,
+                                       sensorlab.augmented(d))
+                then = dict(verdict=e.verdict, before=e.before.p_value,
+                            p_value=e.after.p_value)
             else:
                 own = stretch(1, *AXES[case[2]], SIMULATORS)
                 if case[2] not in simulators:
                     simulators[case[2]] = sensorlab.simulator_from(own[None], DT)
                 d = sensorlab.diagnose(y, DT, simulators[case[2]], columns,
                                        simulated=own[None])
-            keep(key, dict(verdict=d.verdict, closed=d.closure.closed,
+                then = None
+            keep(key, dict(verdict=d.verdict, closed=d.closure.closed, then=then,
                            rest=d.remainder.share, p_value=d.after.p_value))
         result[case] = kept[key]
         if figures.size["progress"]:
@@ -195,6 +203,15 @@ def right(case, one):
     return name in said
 
 
+def describes_next(one, moved):
+    """Does a sum describe the next run: as it is, or with its parameters moved?"""
+    then = one["then"]
+    if not moved:
+        return then["before"] >= DESCRIBED
+    return set(then["verdict"].split("+")) <= set(MOVED) and (
+        then["p_value"] >= DESCRIBED)
+
+
 def table(result):
     lines = []
     for what, size in (("itself", 0.0), ("decoy", 0.0), ("composed", 0.0), *(
@@ -206,8 +223,13 @@ def table(result):
             text = f"{what}, ratio {withheld.ratio(size):.3g}" if size else what
             lines.append(f"{text:<20}{k:>3} of {len(own):<4}"
                          f"[{100 * low:.0f}, {100 * high:.0f}] %")
-    lines += [f"{' '.join(map(str, c)):<44} {one['verdict']}"
-              for c, one in result.items()]
+    sums = [one for c, one in result.items() if c[0] == "composed"]
+    for text, moved in (("the next run, too", False), ("  if parameters move", True)):
+        k = sum(describes_next(one, moved) for one in sums)
+        lines += [f"{text:<20}{k:>3} of {len(sums)}"] if sums else []
+    for c, one in result.items():
+        then = f", then {one['then']['verdict']}" if one["then"] else ""
+        lines.append(f"{' '.join(map(str, c)):<44} {one['verdict']}{then}")
     return "\n".join(lines)
 
 

@@ -73,6 +73,18 @@ def test_a_screen_tells_about_what_the_filters_tell(name, share):
     assert_allclose(about, exact, atol=1.0 + 0.2 * abs(exact))
 
 
+def test_a_few_outliers_in_a_long_record_pass_their_screen():
+    rng = np.random.default_rng(1)
+    z, hit = rng.standard_normal(10**6), rng.random(10**6) < 2e-5
+    scene = Scene(z, DT, {})
+    z[hit] *= 5.0
+    told = screens.screened(CATALOGUE["outliers"], scene, z, 1.0)
+    # what a sum over all samples with the true numbers says, less what searching costs
+    gain = np.logaddexp(np.log(1.0 - 2e-5) - 0.5 * z**2, np.log(2e-5 / 5.0)
+                        - 0.5 * (z / 5.0)**2) + 0.5 * z**2
+    assert gain.sum() - 10.0 < told < gain.sum() + 2.0
+
+
 def test_a_screen_knows_no_other_effect():
     scene = Scene(np.zeros(100), DT, {})
     assert np.isnan(screens.screened(CATALOGUE["bandwidth"], scene, scene.y, 1.0))

@@ -17,6 +17,7 @@ ONSETS = 2048     # at most, that are tried
 RATIOS = 33       # values of a parameter that are tried
 STRENGTHS = 13    # of the noise of states, that are tried
 NORMAL_MEDIAN = 0.6745    # of |z|
+FINE = 1.0    # nats that the scale of the other samples may be off
 SCALES = np.geomspace(0.5, 1.05, 25)    # of the other samples, where some are outliers
 DRIVES = "sigma_w", "sigma_m"    # what drives the states of a hypothesis
 DRIVEN = 1.0, 0.5, 0.25    # times as strongly, where a level explains some of it
@@ -71,15 +72,24 @@ def _outliers(scene, values, z, variance):
     count = count[count > 0]
     rate, sigma = values
     wide = sigma**2 / variance
-    best = np.full((len(rate), len(wide)), -np.inf)
-    for scale in SCALES:
+
+    def gains(scale):
         own, other = scale**2, scale**2 + wide[:, None]
         bulk = np.exp(-0.5 * square / own) / scale
         tail = np.exp(-0.5 * square / other) / np.sqrt(other)
         law = (1.0 - rate[:, None, None]) * bulk + rate[:, None, None] * tail
-        best = np.maximum(best, np.log(law + 1e-300) @ count)
+        return np.log(law + 1e-300) @ count
+    every = [gains(scale) for scale in SCALES]
+    best, apart = SCALES[np.argmax([gain.max() for gain in every])], SCALES[1] / SCALES[
+        0]
+    while count.sum() * np.log(apart)**2 > FINE:    # a long record knows it better
+        near, apart = best * apart**np.array([-0.5, 0.5]), apart**0.5
+        own = [gains(scale) for scale in near]
+        if max(gain.max() for gain in own) > np.max(every):
+            best = near[int(own[1].max() > own[0].max())]
+        every += own
     scale = np.sqrt(square @ count / count.sum())
-    return best - count @ (-0.5 * square / scale**2 - np.log(scale))
+    return np.max(every, 0) - count @ (-0.5 * square / scale**2 - np.log(scale))
 
 
 def _bursts(scene, values, z, variance):
