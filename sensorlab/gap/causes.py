@@ -171,29 +171,27 @@ def _with_signatures(listed, samples):
 
 
 MATTERS = 4.0    # nats below the best rival: what lies lower need not be known well
+AT_LEAST = 0.7    # of the best ln B, or of what another screen of the scores tells: a
+                  # screen that tells less is good enough
 
 
 def _with_filters(scene, plain, acc, reference, effects, processes, best):
     """Rivals that are inside the filter: models, if wanted, and jumps; `best` is the
     largest ln B of all others.
     """
-    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
-    z = seen.z[0, 0]
-    variance, spectra = usual_variance(z, seen.log_score[0, 0]), None
-    for effect in effects:
-        inside = effect.jumps or processes and effect.model and not effect.reading
-        if not inside or not _has_room(effect, acc):
-            continue
+    inside = [effect for effect in effects if (
+        effect.jumps or processes and effect.model and not effect.reading)
+        and _has_room(effect, acc)]
+    told, spectra = dict(zip(inside, _told_by_screens(
+        scene, plain, acc, reference, inside))), None
+    most = max((about for effect, about in told.items() if effect.name in SCREENS),
+               default=0.0)
+    # where scores tell much, filters are first: those of a level may do without
+    for effect, about in sorted(told.items(), key=lambda own: (
+            own[0].name not in SCREENS, -np.nan_to_num(own[1]))):
         start, at = (acc, scene) if effect.jumps else (reference, plain)
-        if effect.drive:
-            about = change_of_drive(effect, at, start.member, acc.signatures,
-                                    start.theta).about
-        elif effect.jumps and effect.name not in SCREENS:
-            about = change_of_level(effect, at, start.member, acc.signatures,
-                                    start.theta)
-        else:
-            about = screened(effect, scene, z, variance)
-        if about < (LITTLE if effect.drive else FEW):
+        least, other = (FEW, most) if effect.name in SCREENS else (LITTLE, best)
+        if about < max(least, AT_LEAST * other - MATTERS):
             yield _Rival(effect, "", about)
             continue
         say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
@@ -213,6 +211,21 @@ def _with_filters(scene, plain, acc, reference, effects, processes, best):
             yield _Rival(effect, "", _log_bayes(new, start), account=new,
                          values=_values(new.member.effects[-1], new),
                          variant=variant)
+
+
+def _told_by_screens(scene, plain, acc, reference, effects):
+    """About ln B of each effect inside the filter; NaN where no screen knows it."""
+    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
+    z = seen.z[0, 0]
+    variance = usual_variance(z, seen.log_score[0, 0])
+    for effect in effects:
+        if effect.drive:
+            yield change_of_drive(effect, plain, reference.member, acc.signatures,
+                                  reference.theta).about
+        elif effect.jumps and effect.name not in SCREENS:
+            yield change_of_level(effect, scene, acc.member, acc.signatures, acc.theta)
+        else:
+            yield screened(effect, scene, z, variance)
 
 
 NEAR = 5            # samples in which a step is seen

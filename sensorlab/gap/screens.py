@@ -1,5 +1,7 @@
-"""Screens: what the normal scores of a filter alone say of outliers and of a change of
-noise. Where they see nothing, the filters that would tell exactly need not run.
+"""Screens: what the normal scores of a filter alone say of outliers, of bursts and of a
+change of noise, and what few nodes say of a level or of a change of drive. Where they
+see nothing, or far less than of others, the filters that would tell exactly need not
+run.
 """
 
 from typing import NamedTuple
@@ -164,8 +166,8 @@ def _sum_histories(first, second, begin, end, told, gain):
     gain += first.sum()
 
 
-LITTLE = 1.0    # ln B by a screen of a change of drive, below which its filters, which
-                # take long, need not run: others have more
+LITTLE = 1.0    # ln B by a screen of a change of drive, or of a level, below which its
+                # filters, which take long, need not run: others have more
 
 
 class Told(NamedTuple):
