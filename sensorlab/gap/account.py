@@ -202,7 +202,12 @@ def _odd(h, scene, signatures, other, theta):
         return odd, nothing
     (one,) = new
     more, *law = LAWS[one.name](scene, one.effect, z, variance)
+    if np.mean(more > 0.5) > MOSTLY:    # the rest would tell too little
+        more = 0.0
     return np.maximum(odd, more), ([(one.key, symbol) for symbol in one.values], *law)
+
+
+MOSTLY = 0.5    # of the samples
 
 
 def _not_usual(h, seen, theta):
