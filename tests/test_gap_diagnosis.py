@@ -163,6 +163,14 @@ def test_bursts_of_noise_are_named(quiet, duration, sigma):
                                          "noise_bursts+bias_step")
 
 
+def test_noise_that_is_quiet_at_times_comes_in_bursts():
+    record, rng = generator.record(640, 3), np.random.default_rng(5)
+    loud = np.arange(generator.N) % 700 > 60
+    record["error"] = record["clean"] + 2.0 * record["parameters"]["sigma_v"] * (
+        loud * rng.standard_normal(generator.N))
+    assert diagnosed(record).verdict == "noise_bursts"
+
+
 @pytest.mark.parametrize("effect", ["pulse", *(
     pytest.param(e, marks=pytest.mark.large)
     for e in ("second_order_drift", "hysteresis"))])
