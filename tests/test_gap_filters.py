@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal, norm
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene
-from sensorlab.gap import filters, kernels, scans, signatures
+from sensorlab.gap import filters, kernels, mixtures, scans, signatures
 from sensorlab.gap.catalogue import join
 
 
@@ -131,7 +131,7 @@ def test_bursts_of_noise_in_white_noise_are_a_hidden_markov_chain():
         0.25 + paths * sigma**2))).prod(1)
     p = filters.predict(h, scene, (), np.array([[0.5, quiet, duration, sigma]]))
     assert_allclose(p.log_likelihood[0, 0], np.log(chance @ law), rtol=1e-10)
-    loud = kernels.smoothed(p.second[0, 0], begin, end)
+    loud = mixtures.smoothed(p.second[0, 0], begin, end)
     assert_allclose(loud, (chance * law) @ paths / (chance @ law), rtol=1e-9)
     # the predictive law of the last sample, from all others
     first = np.where(np.isnan(y), 1.0, norm.pdf(y, 0.0, np.sqrt(
@@ -188,7 +188,7 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
         one = filters.parts_of(h, sensorid.bank(h, DT, np.empty((2, 0))))
         assert_array_equal(one.pair, [1, 0, 2])
         out = np.full((2, 2, 5, 60), np.nan)
-        total = kernels.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
+        total = mixtures.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
                                         one.later, r, outlier, jump, out, moved=2)
         said.append((total, out, *kernels.adjoint(
             np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, one.later,

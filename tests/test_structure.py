@@ -49,7 +49,7 @@ def test_a_section_calls_only_sections_above_it(end):
 
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
              # folder
-    "sensorlab/gap": ["costs", "effects", "catalogue", "kernels", "filters",
+    "sensorlab/gap": ["costs", "effects", "catalogue", "kernels", "mixtures", "filters",
                       "evidence", "screens", "spectra", "signatures", "onsets", "scans",
                       "readings", "account", "directed", "causes", "probes", "places",
                       "distance", "closure", "drift", "twins", "flexible", "search",

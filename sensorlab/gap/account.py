@@ -11,7 +11,7 @@ from sensorlab.gap.catalogue import beside, join
 from sensorlab.gap.effects import Effect, Found, Simulator
 from sensorlab.gap.evidence import effort, integrate, log_sum, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, predict
-from sensorlab.gap.kernels import smoothed
+from sensorlab.gap.mixtures import smoothed
 from sensorlab.gap.screens import LAWS, STRENGTHS, change_of_drive, usual_variance
 from sensorlab.gap.spectra import posterior_law
 

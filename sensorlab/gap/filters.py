@@ -13,7 +13,8 @@ from scipy.special import ndtri
 from sensorid import LOG_2PI, Bank, Modes, Sums, bank, brief, filter_bank, modes
 from sensorlab.gap.effects import Found
 from sensorlab.gap.kernels import (
-    adjoint, dot, mixture_filters, plain_gains, row_products, whiten, whiten_back)
+    adjoint, dot, plain_gains, row_products, whiten, whiten_back)
+from sensorlab.gap.mixtures import mixture_filters
 
 
 class Signature(NamedTuple):

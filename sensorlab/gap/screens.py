@@ -12,7 +12,8 @@ from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import LOG_2PI, side_by_side
 from sensorlab.gap.filters import log_likelihoods, predict
-from sensorlab.gap.kernels import KERNEL, smoothed
+from sensorlab.gap.kernels import KERNEL
+from sensorlab.gap.mixtures import smoothed
 
 FEW = -2.0        # ln B below which a screen has the last word
 ONSETS = 2048     # at most, that are tried

@@ -1,0 +1,334 @@
+"""Mixture filters: of records with outliers, and with a level, of the value or of the
+noise, that is one of two or steps at random.
+
+Lanes, and the steps of every recursion, are those of `kernels`.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from sensorid import JIT, LOG_2PI
+from sensorlab.gap.kernels import (
+    KERNEL, LANES, drive, groups, in_threads, lanes_for, load, observe_covariance,
+    observe_state, turn, turn_covariance, update_covariance, update_state)
+
+
+def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
+    """Log-likelihoods (R, M) of records under filters with outliers and two levels.
+
+    y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), later (M or 0,) and
+    r (M, 1 or N) are the parts of `filters.Parts`; outlier (M, 2) = rate,
+    variance; jump (M, 5) = probabilities that the second level begins and that it ends,
+    half the distance of the levels, variances that the second adds to the noise and to
+    the state number `moved` (all 0: one level). out (R, M, 0, 2 or 5, N) gets of every
+    sample the predictive probabilities below and above it, that of its being an
+    outlier, its log density and the probability of the second level; where nothing
+    jumps, its normal score in place of the first.
+
+    One Gaussian per level is kept: after each sample, the two that have led to a level
+    are merged (generalized pseudo-Bayes of second order; Chang and Athans, "State
+    estimation for discrete systems with switching parameters", IEEE Trans. Aerosp.
+    Electron. Syst. 14, 1978).
+    """
+    total = np.empty((len(y), own.shape[1]))
+    levels = 2 if jump[:, 2:].max() > 0.0 else 1
+    kinds = 2 if outlier[:, 0].max() > 0.0 else 1
+    lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
+    in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y, H,
+               own, pair, later, r, outlier, jump, out, total, moved)
+    return total
+
+
+@njit(**KERNEL)
+def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, r,
+                     outlier, jump, out, total, moved):
+    """Groups of `mixture_filters`. The second level has lanes of its own, after those
+    of the first; so has every path from one level to one: those to the first, from
+    either, then those to the second.
+    """
+    N, rows = y.shape[1], out.shape[2]
+    M, n = own.shape[1:]
+    count, of_level, of_path = len(y) * M, levels * lanes, levels * levels * lanes
+    for group in range(first, last):
+        number = min(lanes, count - group * lanes)
+        record, node = np.empty(lanes, np.int64), np.empty(of_level, np.int64)
+        rate, wider, chance, offset, louder, step = (
+            np.empty(of_path), np.empty(of_path), np.ones(of_path), np.zeros(of_path),
+            np.zeros(of_path), np.zeros(of_path))
+        weight = np.ones(of_level)
+        for g in range(of_path):
+            both = min(group * lanes + g % lanes, count - 1)
+            record[g % lanes], node[g % of_level] = both // M, both % M
+            rate[g], wider[g] = outlier[both % M, 0], outlier[both % M, 1]
+            if levels == 2:
+                to, start, change = g // of_level, g // lanes % 2, jump[both % M]
+                chance[g] = change[start] if to != start else 1.0 - change[start]
+                weight[g % of_level] = change[1 - start] / (
+                    change[0] + change[1])    # as long after it began
+                offset[g], louder[g], step[g] = (2 * to - 1) * change[2], (
+                    to * change[3]), to * change[4]
+        parts, P = np.empty((6, n, of_level)), np.empty((n, n, of_level))
+        load(own, pair, node, parts, P)
+        x, Ph, nu, f, noise = (np.zeros((n, of_level)), np.empty((n, of_level)),
+                               np.empty(of_level), np.empty(of_level),
+                               np.empty(of_level))
+        of_kinds = kinds, of_path
+        per_f, half, term = np.empty(of_kinds), np.empty(of_kinds), np.empty(of_kinds)
+        prior, here, share, wild = (np.empty(of_path), np.empty(of_path),
+                                    np.empty(of_path), np.zeros(of_path))
+        e, v, gain, shrink, seen = (np.empty(of_path), np.empty(of_path),
+                                    np.empty(of_path), np.empty(of_path),
+                                    np.empty(of_path))
+        less, power, least = np.empty(of_path), np.empty(of_path), np.empty(of_path)
+        value, mass, log_f, product = (np.empty(lanes), np.empty(lanes),
+                                       np.zeros(lanes), np.ones(lanes))
+        bits = power.view(np.int64)
+        # the same by path, or by the level that it leads to
+        by_path, to_level = (levels * levels, lanes), (levels, of_level)
+        seen_of, here_of, share_of, prior_of, gain_of, shrink_of, step_of = (
+            seen.reshape(by_path), here.reshape(by_path), share.reshape(by_path),
+            prior.reshape(by_path), gain.reshape(by_path), shrink.reshape(by_path),
+            step.reshape(by_path))
+        e_to, v_to, prior_to, offset_to, louder_to, step_to, chance_to = (
+            e.reshape(to_level), v.reshape(to_level), prior.reshape(to_level),
+            offset.reshape(to_level), louder.reshape(to_level), step.reshape(to_level),
+            chance.reshape(to_level))
+        half_of, least_of, nu_of, weight_of = (
+            half.reshape(kinds, *by_path), least.reshape(by_path),
+            nu.reshape(levels, lanes), weight.reshape(levels, lanes))
+        x_of, Ph_of, P_of = (x.reshape(n, levels, lanes), Ph.reshape(n, levels, lanes),
+                             P.reshape(n, n, levels, lanes))
+        A, apart, new = (np.empty((n, *by_path)), np.empty((n, levels, lanes)),
+                         np.empty((levels, lanes)))
+        due = 0 if len(later) else -1
+        for i in range(N):
+            h, h2 = H[i], H[i, moved] * H[i, moved]
+            if i == due:
+                due = drive(own, node, later, i, parts)
+            for g in range(lanes):
+                value[g] = y[record[g], i]
+            for path in range(levels * levels):
+                for g in range(lanes):
+                    seen_of[path, g] = 0.0 if np.isnan(value[g]) else 1.0
+            if i == 0 or r.shape[1] > 1:
+                for g in range(of_level):
+                    noise[g] = r[node[g], i]
+            for level in range(levels):
+                for g in range(lanes):
+                    nu_of[level, g] = 0.0 if np.isnan(value[g]) else value[g]
+            for g in range(of_level):
+                f[g] = noise[g]
+            turn_covariance(parts, pair, P)
+            observe_covariance(parts, pair, h, P, Ph, f)
+            turn(parts, pair, x)
+            observe_state(h, x, nu)
+            for to in range(levels):
+                for g in range(of_level):
+                    e_to[to, g] = nu[g] - offset_to[to, g]
+                    v_to[to, g] = f[g] + louder_to[to, g] + h2 * step_to[to, g]
+                for g in range(of_level):
+                    prior_to[to, g] = weight[g] * chance_to[to, g]
+            for kind in range(kinds):
+                for g in range(of_path):
+                    k = 1.0 / (v[g] + kind * wider[g])
+                    per_f[kind, g] = k
+                    half[kind, g] = 0.5 * k * e[g] * e[g]
+                for g in range(of_path):
+                    term[kind, g] = prior[g] * np.sqrt(per_f[kind, g]) * (
+                        rate[g] if kind else 1.0 - rate[g])
+            # no sample is as far out for an outlier
+            _least_of_paths(half_of[kinds - 1], least_of)
+            for kind in range(kinds if levels == 2 else kinds - 1):
+                for g in range(of_path):
+                    less[g] = least[g] - half[kind, g]
+                exponentials(less, power, bits)
+                for g in range(of_path):
+                    term[kind, g] *= less[g]
+            for g in range(of_path):
+                here[g] = term[0, g] + (term[1, g] if kinds == 2 else 0.0)
+            for g in range(lanes):
+                mass[g] = here[g]
+            for path in range(1, levels * levels):
+                for g in range(lanes):
+                    mass[g] += here_of[path, g]
+            for g in range(lanes):
+                log_f[g] += seen[g] * (least[g] + 0.5 * LOG_2PI)
+                product[g] *= seen[g] * mass[g] + (1.0 - seen[g])
+            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
+                for g in range(lanes):
+                    log_f[g] -= np.log(product[g])
+                    product[g] = 1.0
+            for g in range(of_path):
+                k, shrink[g] = per_f[0, g], per_f[0, g]
+                if kinds == 2:
+                    wild[g] = term[1, g] / here[g] if here[g] > 0.0 else 0.0
+                    apart_k = k - per_f[1, g]
+                    k -= wild[g] * apart_k
+                    shrink[g] = k - wild[g] * (1.0 - wild[g]) * (apart_k * e[g])**2
+                gain[g] = seen[g] * k * e[g]
+                shrink[g] *= seen[g]
+            if levels == 1:
+                update_state(x, Ph, gain)
+                update_covariance(P, Ph, shrink)
+            else:
+                _share_paths(here_of, prior_of, seen, mass, share_of, weight_of)
+                _merge_paths(share_of, gain_of, shrink_of, step_of, h, moved, A, apart,
+                             new, x_of, P_of, Ph_of)
+            for g in range(number if rows else 0):
+                if seen[g] > 0.0:
+                    if rows > 2:
+                        out[record[g], node[g], 3, i] = (
+                            np.log(mass[g]) - least[g] - 0.5 * LOG_2PI)
+                        out[record[g], node[g], 4, i] = 1.0 - weight[g]
+                    if levels * kinds == 1:
+                        out[record[g], node[g], 0, i] = e[g] * np.sqrt(per_f[0, g])
+                        continue
+                    below, above, odd = _sample_law(g, lanes, rate, prior, here, wild,
+                                                    per_f, e)
+                    out[record[g], node[g], 0, i] = below
+                    out[record[g], node[g], 1, i] = above
+                    if rows > 2:
+                        out[record[g], node[g], 2, i] = odd / mass[g]
+        for g in range(number):
+            total[record[g], node[g]] = -log_f[g]
+
+
+@njit(**JIT)
+def _least_of_paths(half, least):
+    """The least of each lane over its paths (paths, lanes), in all of them."""
+    paths, lanes = half.shape
+    for path in range(paths):
+        for g in range(lanes):
+            other = half[path, g]
+            least[0, g] = other if path == 0 or other < least[0, g] else least[0, g]
+    for path in range(1, paths):
+        for g in range(lanes):
+            least[path, g] = least[0, g]
+
+
+@njit(**JIT)
+def _share_paths(here, prior, seen, mass, share, weight):
+    """Probabilities (2, lanes) of the levels after a sample, and that a path (4, lanes)
+    is the one that led to its level; where nothing is seen, as before.
+    """
+    for path in range(4):
+        for g in range(len(mass)):
+            part = here[path, g] / mass[g]
+            share[path, g] = part if seen[g] > 0.0 else prior[path, g]
+    for to in range(2):
+        first, second = 2 * to, 2 * to + 1
+        for g in range(len(mass)):
+            both = share[first, g] + share[second, g] + 1e-200
+            weight[to, g] = both if both > 1e-12 else 1e-12
+            share[first, g] /= both
+        for g in range(len(mass)):
+            share[second, g] = 1.0 - share[first, g]
+
+
+@njit(**JIT)
+def _merge_paths(share, gain, shrink, step, h, moved, A, apart, new, x, P, Ph):
+    """One Gaussian of each level after a sample, from the two that have led there:
+    x (n, 2, lanes) and P (n, n, 2, lanes).
+
+    A, (n, 4, lanes), becomes P h' of the path, apart (n, 2, lanes) the difference of
+    the two states.
+    """
+    n, _, lanes = x.shape
+    for s in range(n):
+        more = h[moved] if s == moved else 0.0
+        for path in range(4):
+            for g in range(lanes):
+                A[s, path, g] = Ph[s, path % 2, g] + more * step[path, g]
+        for to in range(2):
+            first, second = 2 * to, 2 * to + 1
+            for g in range(lanes):
+                new[to, g] = x[s, 1, g] + A[s, second, g] * gain[second, g]
+            for g in range(lanes):
+                apart[s, to, g] = x[s, 0, g] + A[s, first, g] * gain[first, g] - (
+                    new[to, g])
+            for g in range(lanes):
+                new[to, g] += share[first, g] * apart[s, to, g]
+        for to in range(2):
+            for g in range(lanes):
+                x[s, to, g] = new[to, g]
+        for t in range(s + 1):
+            for to in range(2):
+                first, second = 2 * to, 2 * to + 1
+                for g in range(lanes):
+                    other = P[s, t, 1, g] - (
+                        A[s, second, g] * A[t, second, g] * shrink[second, g])
+                    one = P[s, t, 0, g] - (
+                        A[s, first, g] * A[t, first, g] * shrink[first, g])
+                    new[to, g] = other + share[first, g] * (
+                        one - other + share[second, g] * (
+                            apart[s, to, g] * apart[t, to, g]))
+            for to in range(2):
+                for g in range(lanes):
+                    P[s, t, to, g] = new[to, g]
+    for to in range(2):
+        for g in range(lanes):
+            P[moved, moved, to, g] += step[2 * to, g]
+
+
+WHOLE = 1.5 * 2.0**52    # a number that is added to it is rounded to the last bit
+PER_LN_2 = 1.0 / math.log(2.0)
+LN_2 = 0.6931471803691238, 1.9082149292705877e-10    # in two parts, the first short
+
+
+@njit(**JIT)
+def exponentials(x, power, bits):
+    """exp of x (lanes,) up to 0 in place, to 1e-15 of it, below -708 as there: that of
+    a library takes one number at a time. Powers of two are made in `power` (lanes,), of
+    which `bits` are whole numbers in the same place.
+    """
+    for g in range(len(x)):
+        x[g] = x[g] if x[g] > -708.0 else -708.0    # of `max` there are no vectors
+        power[g] = x[g] * PER_LN_2 + WHOLE
+    for g in range(len(x)):
+        n = power[g] - WHOLE
+        r = (x[g] - n * LN_2[0]) - n * LN_2[1]
+        high = 1 / 5040 + r * (1 / 40320 + r * (1 / 362880 + r * (1 / 3628800 + r * (
+            1 / 39916800 + r * (1 / 479001600 + r * (1 / 6227020800))))))
+        x[g] = 1.0 + r * (1.0 + r * (1 / 2 + r * (1 / 6 + r * (1 / 24 + r * (
+            1 / 120 + r * (1 / 720 + r * high))))))
+    for g in range(len(x)):
+        bits[g] = (bits[g] + 1023) << 52    # 2^n
+    for g in range(len(x)):
+        x[g] *= power[g]
+
+
+@njit(**JIT)
+def _sample_law(g, lanes, rate, prior, here, wild, per_f, nu):
+    """Predictive probabilities below and above a sample, and its density as an outlier.
+    """
+    below = above = odd = 0.0
+    for at in range(g, len(nu), lanes):
+        odd += here[at] * wild[at]
+        for kind in range(len(per_f)):
+            part = 0.5 * prior[at] * (rate[at] if kind else 1.0 - rate[at])
+            e = nu[at] * np.sqrt(0.5 * per_f[kind, at])
+            tail = part * math.erfc(abs(e))
+            rest = 2.0 * part - tail
+            below += rest if e > 0.0 else tail
+            above += tail if e > 0.0 else rest
+    return below, above, odd
+
+
+@njit(**KERNEL)
+def smoothed(so_far, begin, end):
+    """Probabilities (N,) of a second level by all samples, from those by the samples so
+    far, NaN where none is seen; chances that it begins and ends, a sample.
+    """
+    result, before = so_far.copy(), begin / (begin + end)
+    for i in range(len(result)):
+        if np.isnan(result[i]):
+            result[i] = before * (1.0 - end) + (1.0 - before) * begin
+        before = result[i]
+    for i in range(len(result) - 2, -1, -1):
+        here = result[i]
+        there = here * (1.0 - end) + (1.0 - here) * begin    # by the samples so far
+        stays = (1.0 - end) * result[i + 1] / there
+        result[i] = here * (stays + end * (1.0 - result[i + 1]) / (1.0 - there))
+    return result
