@@ -120,13 +120,13 @@ SHAPES = {
     "sign of a rate": (lambda b: np.sign(b.turn), BY_RATE),
     "echo": (lambda b: _late(b.walk + b.white), ()),
     "walk of rare steps": (lambda b: _levels(b.rng, 250.0), (
-        *STEPS, "random_walk", "random_telegraph")),
+        *STEPS, "random_steps", "random_walk", "random_telegraph")),
     "three levels": (lambda b: _levels(b.rng, 60.0).round() % 3, (
-        "random_telegraph", "correlated_noise")),
+        "random_telegraph", "random_steps", "correlated_noise")),
 }
 # name: (what becomes of the white noise, names that one can defend)
 NOISES = {
-    "garch": (lambda b: b.white * _garch(b), ("outliers",)),
+    "garch": (lambda b: b.white * _garch(b), ("outliers", "noise_bursts")),
     "skewed": (lambda b: TRUTH["sigma_v"] * (b.rng.gamma(2.0, size=SAMPLES) - 2.0)
                / np.sqrt(2.0), ("outliers",)),
     "laplace": (lambda b: TRUTH["sigma_v"] * b.rng.laplace(size=SAMPLES)
@@ -137,12 +137,13 @@ NOISES = {
         0.9 * b.rng.choice([-1.0, 1.0], SAMPLES)
         + np.sqrt(0.19) * b.rng.standard_normal(SAMPLES)), ("random_telegraph",)),
     "that swells and fades": (lambda b: b.white * np.exp(0.7 * np.sin(
-        6.0 * np.pi * b.t / SAMPLES)), ("noise_step",)),
+        6.0 * np.pi * b.t / SAMPLES)), ("noise_step", "noise_bursts")),
     "that grows": (lambda b: b.white * np.linspace(0.6, 1.6, SAMPLES),
                    ("noise_step",)),
     "loud for a while": (lambda b: b.white * np.where(np.abs(b.since) < 60.0, 3.0, 1.0),
-                         ("noise_step", "outliers")),
-    "as loud as the rate": (lambda b: b.white * (0.4 + 1.2 * np.abs(b.turn)), ()),
+                         ("noise_step", "noise_bursts", "outliers")),
+    "as loud as the rate": (lambda b: b.white * (0.4 + 1.2 * np.abs(b.turn)), (
+        "noise_bursts",)),
     "of alternating sign": (lambda b: lfilter([1.0, -0.45], [1.0], b.white),
                             ("blue_noise",)),
 }
