@@ -154,15 +154,19 @@ def _power(r, part):
     few samples more if that leaves a length without large primes, which take ten times
     as long; of all of them, with a few less.
     """
-    N = r.z.shape[1]
-    length = next_fast_len(part.stop - part.start)
+    N, length = r.z.shape[1], part.stop - part.start
+    real = length > MANY    # without sevens: twice as fast
+    length = next_fast_len(length, real)
     if length > N:
-        length = prev_fast_len(N)
+        length = prev_fast_len(N, real)
     first = min(part.start, N - length)
     part = slice(first, first + length)
     line = np.fft.rfft(r.z[:, part])
     return np.fft.rfftfreq(length, r.scene.dt), (line.real**2 + line.imag**2) / (
         np.maximum(r.seen[:, part].sum(1), 1)[:, None])
+
+
+MANY = 10000    # samples, from which on lengths without sevens are dense
 
 
 def _in_frequency(frequency, power):
