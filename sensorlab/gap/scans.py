@@ -83,6 +83,7 @@ def _interpolated(x, at, value):
 
 WAVE_STEP = 2.5     # ratio of one duration of waves to the next
 WAVE_PARTS = 6      # of their duration, by which onsets are apart
+FINER_WAVES = 5     # parts of that, and of a step of the duration, about the best
 MIN_PERIODS = 2     # in a duration: with fewer it is a pulse
 STRETCHES = 16      # of a record, that may miss more or fewer samples
 LONGEST = 2000      # samples: longer it is a vibration
@@ -90,21 +91,39 @@ LONGEST = 2000      # samples: longer it is a vibration
 
 def _wave_scan(scene, family, one):
     """Waves in an envelope at every onset, of every duration and frequency: spectra of
-    the residual behind an onset, weighted as they rise and fall.
+    the residual behind an onset, weighted as they rise and fall; and the same, finer,
+    about the best of them.
     """
     _, duration, _ = family.effect.parameters(scene)
     longest = min(int(duration.high / scene.dt), LONGEST)
     lengths = np.exp(np.arange(np.log(min(MIN_RINGING, longest)), np.log(longest + 1.0),
                                np.log(WAVE_STEP)))
+    best, at = -1.0, (1, 1)
     for n in np.unique(np.round(lengths).astype(int)).tolist():
-        yield from _waves(scene, family, one, n)
+        every = max(n // WAVE_PARTS, 1)
+        for part in _waves(scene, family, one, n, range(
+                1, max(len(scene.y) - n, 2), every)):
+            yield part
+            if part.gain.max() > best:
+                ((onset, *_),), _ = part.of(part.gain.argmax(keepdims=True))
+                best, at = part.gain.max(), (round(onset / scene.dt), n)
+    onset, n = at
+    every = max(n // WAVE_PARTS, 1)
+    fine, parts = max(every // FINER_WAVES, 1), (np.arange(FINER_WAVES) + 0.5
+                                                ) / FINER_WAVES - 0.5
+    share = np.log(fine / every / FINER_WAVES)
+    for length in np.round(n * WAVE_STEP**parts).astype(int).tolist():
+        for part in _waves(scene, family, one, length, range(
+                max(onset - every, 1), min(onset + every, len(scene.y) - 1), fine)):
+            yield part._replace(gain=np.maximum(part.gain + 2.0 * share, 0.0),
+                                log_share=share)
 
 
-def _waves(scene, family, one, n):
-    """`Scan` after scan of waves of n samples. All that a wave holds of other
-    frequencies counts, too: it may begin at once.
+def _waves(scene, family, one, n, onsets):
+    """`Scan` after scan of waves of n samples from some of them on. All that a wave
+    holds of other frequencies counts, too: it may begin at once.
     """
-    L, every = next_fast_len(2 * n, real=True), max(n // WAVE_PARTS, 1)
+    L = next_fast_len(2 * n, real=True)
     ((_, columns),) = family.effect.columns(
         Scene(np.zeros(L), scene.dt, {}), None, (0.0, n * scene.dt, 0.0))
     envelope = columns[:, 0]    # a wave that stands still
@@ -121,8 +140,8 @@ def _waves(scene, family, one, n):
                 power * np.fft.rfft(inverse[0]), L)[keep])
     # where samples are missing, they are most nearly whole
     J = J * max(part.mean() for part in np.array_split(~np.isnan(scene.y), STRETCHES))
-    behind = sliding_window_view(np.append(one.residual[0, 1:], np.zeros(L)), L)[
-        :len(scene.y) - n - 1:every]
+    behind = sliding_window_view(np.append(one.residual[0], np.zeros(L)), L)[
+        onsets.start:onsets.stop:onsets.step]
     rows = max(BLOCK // L, 1)
     for first in range(0, len(behind), rows):
         line = np.fft.rfft(behind[first:first + rows] * envelope)[:, keep]
@@ -130,7 +149,7 @@ def _waves(scene, family, one, n):
         def of(number, first=first):
             onset, at = np.divmod(number, len(frequency))
             return np.column_stack([
-                scene.dt * (1 + (first + onset) * every), np.full(
+                scene.dt * (onsets.start + (first + onset) * onsets.step), np.full(
                     len(number), scene.dt * n), frequency[at]]), unnamed(number)
         yield Scan(((line.real**2 + line.imag**2) / J).ravel(), 2, of)
 
@@ -155,7 +174,8 @@ def _resolved_waves(scene, family, one, onset, duration, frequency):
 SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
              waves=_wave_scan)
 FINER = dict(pulse=resolved_span, waves=_resolved_waves)
-LIKELY = 16    # signatures whose gains are exact at every node
+LIKELY = 16    # signatures whose gains are exact at every node; twice as many if some
+               # are between those of a grid
 
 
 def family_bayes(scene, family, solved, one, table):
@@ -171,13 +191,13 @@ def family_bayes(scene, family, solved, one, table):
     best = int(solved.base.argmax())
     found, rest, count = [], [], 0
     for part in SCANS[family.effect.search](scene, family, one):
-        likely, share = _largest(part.gain), np.broadcast_to(
+        likely, share = _largest(part.gain, 2 * LIKELY), np.broadcast_to(
             part.log_share, part.gain.shape)
         found.append((part.gain[likely], share[likely], *part.of(likely)))
         rest.append(_log_sum(np.delete(part.gain, likely)[None], table[part.k]))
         count += len(part.gain)
     gain, share, psi, variant = map(np.concatenate, zip(*found))
-    likely = _largest(gain)
+    likely = _largest(gain, 2 * LIKELY if share.any() else LIKELY)
     rest.append(_log_sum(np.delete(gain, likely)[None], table[part.k]))
     exact, psi, variant = np.empty((len(solved.base), len(likely))), psi[likely], (
         variant[likely])
@@ -190,9 +210,9 @@ def family_bayes(scene, family, solved, one, table):
         worth - worth[best])
 
 
-def _largest(gain):
-    """Numbers of the LIKELY largest gains."""
-    return np.sort(np.argpartition(-gain, min(LIKELY, len(gain) - 1))[:LIKELY])
+def _largest(gain, count):
+    """Numbers of the largest gains, so many."""
+    return np.sort(np.argpartition(-gain, min(count, len(gain) - 1))[:count])
 
 
 def _log_sum(gain, table):
