@@ -14,6 +14,7 @@ import sensorid
 import sensorlab
 from sensorlab import Found, Scene
 from sensorlab.gap import account, causes, diagnosis, effects, words
+from sensorlab.gap.verdict import SLIGHT
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
 
@@ -109,11 +110,11 @@ def test_an_effect_outside_the_catalogue_is_unknown():
 @pytest.mark.large
 @pytest.mark.parametrize("effect", ["garch", "chirp", "cubic_temperature"])
 def test_what_a_neighbour_does_not_explain_is_left(effect):
-    """A neighbour stands beside it: noise that comes and goes, a colour that moves, the
+    """A neighbour stands beside it: noise that has two levels, a colour that stays, the
     line nearest to a curve.
     """
     d = diagnosed(generator.record(300, 1, [effect], level=4))
-    assert "unknown" in d.verdict.split("+") and d.remainder.share > 0.1
+    assert "unknown" in d.verdict.split("+") and d.remainder.share > SLIGHT
     assert "hysteresis" not in d.verdict
 
 

@@ -637,8 +637,8 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="log the raw bus: are they transmission errors?"),
     Effect("noise_bursts", jumps=_noise_bursts,
            parameters=lambda s: (
-               _log("quiet", MIN_BURST * s.dt, s.duration),
-               _log("duration", MIN_BURST * s.dt, s.duration / 4.0),
+               _log("quiet", MIN_BURST * s.dt, s.duration / 4.0),
+               _log("duration", MIN_BURST * s.dt, s.duration / 10.0),
                _log("sigma", 0.5 * s.white, 30.0 * s.white)),
            equation="y + N(0, sigma^2) in every sample of a burst; bursts last for "
                     "duration and are quiet apart on average, in s; sigma in u",
