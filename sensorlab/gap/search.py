@@ -14,7 +14,7 @@ from sensorlab.gap.flexible import stays_needed
 from sensorlab.gap.readings import as_read
 
 MAX_EFFECTS = 6         # beside readings
-MAX_DOUBTFUL = 2        # one after another that may stand in for something unknown
+MAX_DOUBTFUL = 3        # one after another that may stand in for something unknown
 MAX_LOOKS = 8           # with what the simulator's own records show, too
 MAX_EXCHANGES = 2
 EXPLAINED = 0.01        # p-value of what is left, below which no set is the right one
