@@ -117,15 +117,11 @@ def readings(axis):
 
 def jumps(axis):
     """Noise that is not Gaussian in words, for programs that have none."""
-    if axis.jumps.rate:
-        yield (f"outliers of the {axis.kind}: white noise of the same variance stands "
-               "for them")
-    if axis.jumps.half:
-        yield (f"the two levels of the {axis.kind}: a Markov process of the same "
-               "covariance stands for them")
-    if axis.jumps.step:
-        yield (f"the steps of the {axis.kind}: a random walk of the same covariance "
-               "stands for them")
-    if axis.jumps.louder:
-        yield (f"bursts of noise of the {axis.kind}: white noise of the same variance "
-               "on average stands for them")
+    own = axis.jumps
+    for there, name, instead in (
+            (own.rate, "outliers", "white noise of the same variance"),
+            (own.half, "the two levels", "a Markov process of the same covariance"),
+            (own.step, "the steps", "a random walk of the same covariance"),
+            (own.louder, "bursts of noise", "white noise of the same mean variance")):
+        if there:
+            yield f"{name} of the {axis.kind}: {instead} stands for them"

@@ -283,12 +283,6 @@ class Member(NamedTuple):
         return [(one.key, next(iter(one.values))) for one in self.effects
                 if one.effect.search == "onset"]
 
-    @property
-    def has_free_onsets(self):
-        """Does its noise change at a time that is not known?"""
-        return any(
-            p.free for key, p in zip(self.keys, self.parameters) if key in self.onsets)
-
     def fixed(self, known):
         """The same with parameters of its effects fixed, by key."""
         return self._replace(effects=tuple(
