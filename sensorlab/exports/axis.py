@@ -48,7 +48,7 @@ class Axis(NamedTuple):
         filt = self.filt._replace(Psi=np.sqrt(
             self.filt.Psi.max(keepdims=True)**2 + more))
         if own.step:
-            filt = join(filt, (1.0, np.sqrt(own.begin * own.step), 0.0))
+            filt = join(filt, (1.0, own.sigma_w, 0.0))
         return beside(filt, [1.0 - 2.0 * own.begin], [own.half]) if own.half else filt
 
     def allan_variance(self, m):

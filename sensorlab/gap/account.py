@@ -170,7 +170,7 @@ def _as_process(effect):
     def model(scene, filt, **values):
         jumps = effect.jumps(scene.dt, **values)
         if np.any(jumps.step):
-            return _steps_as_walk(scene, filt, np.sqrt(jumps.begin * jumps.step))
+            return _steps_as_walk(scene, filt, jumps.sigma_w)
         return _level_as_noise(scene, filt, jumps.begin, jumps.half)
     return effect._replace(model=model, jumps=None, elementwise=True)
 
@@ -215,9 +215,12 @@ def _not_usual(h, seen, theta):
     jumps at theta (p,).
     """
     jumps, odd = h.jumps(theta[None]), np.nan_to_num(seen.odd[0, 0])
-    if not jumps.louder[0]:
-        return odd
-    return np.maximum(odd, smoothed(seen.second[0, 0], jumps.begin[0], jumps.end[0]))
+    return np.maximum(odd, _in_burst(seen, jumps)) if jumps.louder[0] else odd
+
+
+def _in_burst(seen, jumps):
+    """Probability (N,) that samples are in a burst, by all of them."""
+    return smoothed(seen.second[0, 0], jumps.begin[0], jumps.end[0])
 
 
 def _is_same(p, q):
@@ -272,8 +275,7 @@ def gaussian(scene, acc):
     masked = scene._replace(y=np.where(seen.odd[0, 0] > 0.5, np.nan, scene.y))
     plain, own = [], acc.member.jumps(acc.theta[None])
     louder = Effect("louder_at_times", elementwise=True, model=functools.partial(
-        _louder_at_times, share=smoothed(seen.second[0, 0], own.begin[0], own.end[0]))
-    ) if own.louder[0] else None
+        _louder_at_times, share=_in_burst(seen, own))) if own.louder[0] else None
     for h, sample in zip(acc.hypotheses, acc.samples):
         effects = tuple(one for one in h.effects if not one.effect.jumps)
         jumps = h.jumps(sample.mean[None])
@@ -281,8 +283,7 @@ def gaussian(scene, acc):
             effects += (Found(LEVEL_AS_NOISE, values=fixed(change=jumps.begin[0],
                                                            half=jumps.half[0])),)
         if jumps.step[0] > 0.0:
-            effects += (Found(STEPS_AS_WALK, values=fixed(
-                sigma_w=np.sqrt(jumps.begin[0] * jumps.step[0]))),)
+            effects += (Found(STEPS_AS_WALK, values=fixed(sigma_w=jumps.sigma_w[0])),)
         if louder:
             effects += (Found(louder, values=fixed(variance=jumps.louder[0])),)
         plain.append(h._replace(effects=effects))

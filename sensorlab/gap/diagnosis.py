@@ -5,7 +5,6 @@ that effect closes the gap.
 from typing import NamedTuple
 
 import numpy as np
-
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import (

@@ -11,10 +11,8 @@ import numpy as np
 from sensorid import brief, free_columns, side_by_side
 from sensorlab.gap.account import as_simulated, gaussian
 from sensorlab.gap.catalogue import quantize
-from sensorlab.gap.effects import (
-    BLOCK, LONG_RECORD, Scene, simulate_effects)
-from sensorlab.gap.filters import (
-    Filter, Shared, filter_of, filtered, predict, shared)
+from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene, simulate_effects
+from sensorlab.gap.filters import Filter, Shared, filter_of, filtered, predict, shared
 from sensorlab.gap.places import PLACES, Statistics, statistics
 from sensorlab.gap.probes import Probes, probes
 from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings

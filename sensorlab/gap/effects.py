@@ -67,6 +67,11 @@ class Jumps(NamedTuple):
         """Of time that the second level has."""
         return self.begin / (self.begin + self.end)
 
+    @property
+    def sigma_w(self):
+        """Of a random walk of the covariance that steps have, u."""
+        return np.sqrt(self.begin * self.step)
+
 
 def nothing(scene):
     """The parameters of an effect that has none but its size."""

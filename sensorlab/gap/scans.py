@@ -104,9 +104,10 @@ def _wave_scan(scene, family, one):
         for part in _waves(scene, family, one, n, range(
                 1, max(len(scene.y) - n, 2), every)):
             yield part
-            if part.gain.max() > best:
-                ((onset, *_),), _ = part.of(part.gain.argmax(keepdims=True))
-                best, at = part.gain.max(), (round(onset / scene.dt), n)
+            top = part.gain.argmax(keepdims=True)
+            if part.gain[top[0]] > best:
+                ((onset, *_),), _ = part.of(top)
+                best, at = part.gain[top[0]], (round(onset / scene.dt), n)
     onset, n = at
     every = max(n // WAVE_PARTS, 1)
     fine, parts = max(every // FINER_WAVES, 1), (np.arange(FINER_WAVES) + 0.5

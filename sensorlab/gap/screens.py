@@ -110,8 +110,8 @@ def _some(count):
 def _gains_of_bursts(scene, values, z, variance):
     """The same for all scales of the samples outside bursts, the first axis."""
     quiet, duration, sigma = values
-    parts, time = _Parts.of(z), scene.dt * -(-len(z) // PARTS)
-    begin, end = (-np.expm1(-time / t).ravel() for t in np.meshgrid(
+    parts = _Parts.of(z)
+    begin, end = (parts.chance(scene.dt, t.ravel()) for t in np.meshgrid(
         quiet, duration, indexing="ij"))
     gain = np.zeros((len(QUIET_SCALES), len(sigma), len(begin)))
     for own, scale in zip(gain, QUIET_SCALES):
@@ -126,12 +126,18 @@ class _Parts(NamedTuple):
 
     square: np.ndarray    # (P,) sums
     count: np.ndarray     # (P,) of samples seen
+    width: int            # samples of a part
 
     @classmethod
     def of(cls, z):
-        begin = np.arange(0, len(z), -(-len(z) // PARTS))
+        width = -(-len(z) // PARTS)
+        begin = np.arange(0, len(z), width)
         return cls(np.add.reduceat(np.nan_to_num(z)**2, begin),
-                   np.add.reduceat(~np.isnan(z) * 1.0, begin))
+                   np.add.reduceat(~np.isnan(z) * 1.0, begin), width)
+
+    def chance(self, dt, mean):
+        """That what lasts for a mean time, s, ends in a part."""
+        return -np.expm1(-self.width * dt / mean)
 
     def laws(self, scale, wide):
         """Log-likelihoods (P,), over those of even noise, without and with a burst that
@@ -267,13 +273,13 @@ def law_of_bursts(scene, effect, z, variance):
     w = np.exp(w - logsumexp(w))
     mean, cov = w @ x, np.cov(x.T, aweights=w, ddof=0) + np.eye(3) / OF_BURSTS
     quiet, duration, sigma = (v[k] for v, k in zip(values, best))
-    parts, width = _Parts.of(z), -(-len(z) // PARTS)
-    begin, end = (-np.expm1(-width * scene.dt / np.array([t])) for t in (
-        quiet, duration))
+    parts = _Parts.of(z)
+    begin, end = (parts.chance(scene.dt, np.array([t])) for t in (quiet, duration))
     told = np.empty((1, len(parts.count)))
     _sum_histories(*parts.laws(QUIET_SCALES[scale], sigma**2 / variance), begin, end,
                    told, np.zeros(1))
-    return np.repeat(smoothed(told[0], begin[0], end[0]), width)[:len(z)], mean, cov
+    loud = np.repeat(smoothed(told[0], begin[0], end[0]), parts.width)[:len(z)]
+    return loud, mean, cov
 
 
 SCREENS = dict(noise_step=_change_of_noise, outliers=_outliers, noise_bursts=_bursts)
