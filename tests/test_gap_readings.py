@@ -223,6 +223,19 @@ def test_outliers_beside_a_lattice_do_not_hide_it():
     assert one.found.values["lsb"] == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("lsb, begin, end", [(0.12, 1000, 2600), (0.9, 0, 2500),
+                                             (0.9, 100, 3800)])
+def test_noise_on_a_part_of_a_rounded_record_makes_no_sample_stick(lsb, begin, end):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        y = lsb * np.round(rng.standard_normal(4000) / lsb)
+        y[begin:end] += 0.5 * rng.standard_normal(end - begin)
+        assert "stuck" not in [r.found.name for r in readings.readings(Scene(y, DT, {}))]
+    y[3850:3880], y[3880] = y[3850], y[3850] + lsb
+    (stuck,) = readings.readings(Scene(y, DT, {}))
+    assert stuck.found.values["spans"] == [[3850.0, 30]]
+
+
 @pytest.mark.parametrize("size", [0.1885, 0.31, 0.072])
 def test_a_level_that_came_after_the_rounding_is_no_limit(size):
     rng = np.random.default_rng(11)

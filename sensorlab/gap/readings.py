@@ -280,7 +280,7 @@ def _stuck(y, lsb, noise, clipped):
     if lsb:    # a value in the middle of its cell stays there by chance
         tie = math.erf(lsb / max(2.0 * np.sqrt(2.0) * noise, 1e-9 * lsb))
     else:    # what a part of the record, or neighbours, lie on is no lattice of it
-        tie = np.sum(length == 1) / len(y)
+        tie = _tie_by_chance(start, length, len(y))
     enough = 2.0
     if tie:
         enough = (max(2.0, np.log(1e-4 / len(y)) / np.log(tie)) if lsb < 2.0 * noise
@@ -290,6 +290,19 @@ def _stuck(y, lsb, noise, clipped):
     for begin, n in spans:
         stuck[begin + 1:begin + n] = True
     return spans, stuck
+
+
+def _tie_by_chance(start, length, samples):
+    """Probability that a sample equals the last by chance, where runs of equal ones
+    are: it is that a single tie goes on, and one over how far it is to the next.
+    """
+    once, twice = start[length == 1], np.sum(length == 2)
+    if twice >= FEWEST:
+        return twice / max(len(once), twice)
+    if len(once) <= 2:
+        return len(once) / samples
+    # half of the distances are beyond the median; there are parts without ties, too
+    return 1.0 - 0.5**(1.0 / np.median(np.diff(once)))
 
 
 def as_read(full, seen):
