@@ -80,6 +80,35 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
                         dense.logpdf(y[seen]), rtol=1e-8)
 
 
+@pytest.mark.parametrize("effects", [("bandwidth", "noise_step"),
+                                     ("noise_step", "bandwidth")])
+@pytest.mark.parametrize("variant", ["first order", "second order"])
+def test_a_change_of_the_noise_passes_the_low_pass(variant, effects):
+    n, past, tau = 200, 200, 2.0
+    h = member(Scene(np.zeros(n), DT, {}), MODEL[1])
+    for name in effects:
+        h = h.with_effect(CATALOGUE[name], variant if name == "bandwidth" else "")
+    denominator = ([1.0, -np.exp(-1.0 / tau)] if variant == "first order" else np.poly(
+        np.exp(np.exp([0.25j * np.pi, -0.25j * np.pi]) / -tau)).real)
+    response = lfilter([sum(denominator)], denominator, np.eye(past + n), axis=0)
+    white = 0.4 * np.where(np.arange(-past, n) >= 120, 3.0, 1.0)
+    low_passed = ((response * white**2) @ response.T)[past:, past:]
+    lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    own = dict(bandwidth=(tau,), noise_step=(120.0, 3.0))
+    theta = np.array([300.0, 0.9, 0.4, *own[effects[0]], *own[effects[1]]])
+    y = np.random.default_rng(5).standard_normal(n)
+    expected = multivariate_normal(
+        cov=0.81 * np.exp(-lag / 300.0) + low_passed + 1.0).logpdf(y)
+    scene = h.scene._replace(y=y)
+    assert_allclose(filters.log_likelihoods(h, scene, (), theta[None]), expected,
+                    rtol=1e-8)
+    assert_allclose(filters.solve(h, scene, (), theta[None]).base, expected, rtol=1e-8)
+    own = next(sensorid.filter_bank(sensorid.bank(h, DT, theta[None]), y[None], [n]))
+    assert_allclose(sensorid.log_likelihood(
+        1.0, own.count, own.chi2, own.score, own.information, own.log_det, (0.0, 1.0)),
+        expected, rtol=1e-8)
+
+
 def test_flicker_noise_has_the_spectrum_of_the_standard():
     scene = Scene(np.zeros(10**5), DT, {})
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0),

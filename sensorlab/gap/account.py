@@ -106,7 +106,7 @@ def guesses_from(past, number, h, scene, signatures):
     axes = list(known.values())
     kept = _spread(keys, list(known), mean[axes], cov[np.ix_(axes, axes)])
     result = [kept] if known else []
-    if h.driven and not other.driven:
+    if h.driven and h.driven.key not in [one.key for one in other.effects]:
         return [*result, _before_change(h, keys, scene, signatures, other, sample)]
     changed = [(one.key, symbol) for one in h.effects if one.effect.search == "onset"
                for symbol in one.values]    # a spectrum tells nothing of these

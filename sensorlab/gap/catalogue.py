@@ -212,6 +212,12 @@ def _bandwidth(scene, filt, tau, variant=""):
     second (Butterworth).
     """
     rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[..., :1]
+    if filt.Psi.shape[-1] > 1:    # it changes, and so does what drives the low-pass
+        even = _bandwidth(scene, filt._replace(Psi=white), tau, variant)
+        own = np.arange(even.Gamma.shape[-1]) >= filt.Gamma.shape[-1]
+        change = filt.Psi / np.where(white > 0.0, white, 1.0)
+        return even._replace(Gamma=even.Gamma * np.where(
+            own, change[..., None, None], 1.0))
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
@@ -615,7 +621,8 @@ CATALOGUE = {effect.name: effect for effect in (
                     "of w - W sigma; tau in s, sigma in u",
            resembles="quantization of the angle, white noise that is low-passed",
            experiment="integrate: the angle has white noise"),
-    Effect("noise_step", model=_noise_step, elementwise=True, search="onset",
+    Effect("noise_step", model=_noise_step, drive=_drive, of_white=True,
+           elementwise=True, search="onset",
            parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 0.1, 10.0)),
            equation="the white noise becomes ratio times as strong from t = onset "
                     "on; onset in s",

@@ -219,7 +219,7 @@ def _told_by_screens(scene, plain, acc, reference, effects):
     z = seen.z[0, 0]
     variance = usual_variance(z, seen.log_score[0, 0])
     for effect in effects:
-        if effect.drive:
+        if effect.drive and effect.name not in SCREENS:
             yield change_of_drive(effect, plain, reference.member, acc.signatures,
                                   reference.theta).about
         elif effect.jumps and effect.name not in SCREENS:
@@ -437,7 +437,7 @@ def _has_room(effect, acc):
     filters = [h.filter(h.scene.dt, np.array([p.mean for p in h.parameters]))
                for h in richer]
     return max(len(f.m0) for f in filters) <= MOST_STATES and (
-        not effect.drive or any(f.Gamma.any() for f in filters))
+        not effect.drive or effect.of_white or any(f.Gamma.any() for f in filters))
 
 
 def _with_wrong_parameters(scene, acc, effect):

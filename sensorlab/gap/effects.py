@@ -96,8 +96,10 @@ class Effect(NamedTuple):
     variants: tuple = ()        # forms of a model; "" is the first
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
     drive: Callable = None      # (scene, **parameters) -> sample from which on what
-                                # drives the hypothesis's states is so many times as
-                                # strong, and how many; the model says the same
+                                # drives some states is so many times as strong, and how
+                                # many; the model says the same
+    of_white: bool = False      # these are the states of white noise that is low-passed;
+                                # the hypothesis's own, if not
     jumps: Callable = None      # (dt, **parameters) -> Jumps
     reading: Callable = None    # (scene, y, **values) alters values y (..., N) in place
     factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
@@ -213,21 +215,26 @@ class Member(NamedTuple):
 
     def filter(self, dt, theta):
         """Shaping filter at one value of the parameters, or at all nodes (p, M, 1)."""
+        return self._stages(dt, theta)[-1]
+
+    def _stages(self, dt, theta):
+        """The filter of the hypothesis, then that with one more effect at a time."""
         theta = iter(self.in_units(np.transpose(theta)).T)
         filt = self.hypothesis.filter(dt, [next(theta) for _ in
                                            self.hypothesis.parameters])
-        values = [{symbol: next(theta) for symbol in one.values}
-                  for one in self.effects]
-        # what drives the hypothesis's own states comes first, then the state that jumps
-        # move; what alters the values after all that makes them: a low-pass of the
-        # sensor does not smooth rounding
+        values, stages = [{symbol: next(theta) for symbol in one.values}
+                          for one in self.effects], [filt]
+        # what drives states comes first, then the state that jumps move; what alters
+        # the values after all that makes them: a low-pass of the sensor does not smooth
+        # rounding
         for one, own in sorted(zip(self.effects, values), key=lambda pair: (
                 not pair[0].effect.drive, not pair[0].effect.jumps,
                 bool(pair[0].effect.reading))):
             if one.effect.model:
                 form = dict(variant=one.variant) if one.effect.variants else {}
                 filt = one.effect.model(self.scene, filt, **form, **own)
-        return filt
+                stages.append(filt)
+        return stages
 
     @property
     def own_states(self):
@@ -235,10 +242,23 @@ class Member(NamedTuple):
         h, dt = self.hypothesis, self.scene.dt
         return len(h.filter(dt, [p.mean for p in h.parameters]).m0)
 
+    def states_driven(self, effect):
+        """Numbers of the states whose noise an effect changes."""
+        if not effect.of_white:
+            return np.arange(self.own_states)
+        less = self._replace(effects=tuple(
+            one for one in self.effects if one.effect is not effect))
+        stages = less._stages(self.scene.dt, np.array([p.mean for p in less.parameters]))
+        for before, after in zip(stages, stages[1:]):
+            if before.Psi.any() and not after.Psi.any():
+                return np.arange(len(before.m0), len(after.m0))
+        return np.arange(0)
+
     @property
     def driven(self):
         """The effect that changes the noise of its states, or None."""
-        return next((one for one in self.effects if one.effect.drive), None)
+        return next((one for one in self.effects if one.effect.drive and len(
+            self.states_driven(one.effect))), None)
 
     def evenly_driven(self, theta):
         """The same without a change of the noise of its states, and theta (M, p)."""

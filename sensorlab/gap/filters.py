@@ -57,10 +57,9 @@ def _bank(h, scene, theta):
 
 
 class Change(NamedTuple):
-    """The first states, so many, are driven differently from a sample on, at M nodes.
-    """
+    """Some states are driven differently from a sample on, at M nodes."""
 
-    states: int
+    states: np.ndarray    # their numbers
     first: np.ndarray     # (M,) that sample
     factor: np.ndarray    # (M,) of the variances of their noises
 
@@ -70,12 +69,12 @@ def _change(h, scene, theta):
     if not h.driven:
         return None
     first, ratio = h.driven.effect.drive(scene, **h.of(h.driven, theta))
-    return Change(h.own_states, first, ratio**2)
+    return Change(h.states_driven(h.driven.effect), first, ratio**2)
 
 
 def _driven(b, change):
-    """A bank whose first states are driven as after a `Change` for good."""
-    own, factor = np.s_[..., :change.states, :change.states], change.factor[
+    """A bank whose states are driven as after a `Change` for good."""
+    own, factor = np.s_[..., change.states[:, None], change.states], change.factor[
         :, None, None]
     Q, P0 = b.Q.copy(), b.P0.copy()
     Q[own] *= factor[..., None]
@@ -167,12 +166,12 @@ def parts_of(h, b):
 
 def _parts_at(h, scene, theta, b):
     """`Parts` of a hypothesis at theta (M, p), whose bank is b; with a change of the
-    noise of its own states.
+    noise of its states.
     """
     one, change = parts_of(h, b), _change(h, scene, theta)
     if not change:
         return one
-    one.own[6:, :, :change.states] *= change.factor[:, None]
+    one.own[6:, :, change.states] *= change.factor[:, None]
     return one._replace(later=change.first)
 
 
