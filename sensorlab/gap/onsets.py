@@ -125,8 +125,9 @@ def _known(scene, family, one):
 
 def span_scan(scene, family, one):
     """Pulses, or slow steps, of any duration, which begin a fourth of it apart at most,
-    and rectangular pulses between two likely edges, which are known to a few samples;
-    `Scan` after scan, one of each duration.
+    and rectangular pulses between two likely edges, which are known to a few samples:
+    those of steps, and those near the best pulse of each duration; `Scan` after scan,
+    one of each duration.
     """
     variants = [variant for variant, _ in family.effect.columns(
         scene, None, (scene.dt, scene.duration))]
@@ -136,7 +137,7 @@ def span_scan(scene, family, one):
     residual = one.residual[0, 1:]
     left = residual[::-1].cumsum()[::-1]
     # a sum of the past is held against the sum of what is left
-    sums = {(False, 1): residual, (True, 1): np.append(left[1:], 0.0)}
+    sums, best = {(False, 1): residual, (True, 1): np.append(left[1:], 0.0)}, []
     for variant in variants:
         shape = SHAPES[variant]
         for n, knots, J in _known(scene, family._replace(variant=variant), one):
@@ -145,9 +146,14 @@ def span_scan(scene, family, one):
                 if (shape.mounts, 2 * half) not in sums:
                     rows = sums[shape.mounts, half]
                     sums[shape.mounts, 2 * half] = rows[:-1:2] + rows[1::2]
-            yield _span(scene.dt, variant, n, knots, J, sums[shape.mounts, by], left)
+            scan = _span(scene.dt, variant, n, knots, J, sums[shape.mounts, by], left)
+            yield scan
+            if variant == RECTANGULAR:
+                ((onset, _),), _ = scan.of(scan.gain.argmax(keepdims=True))
+                best.append((round(onset / scene.dt), n, J.max()))
     if RECTANGULAR in variants:
-        yield from _between_edges(scene, family._replace(variant=RECTANGULAR), one)
+        yield from _between_edges(scene, family._replace(variant=RECTANGULAR), one,
+                                  best)
 
 
 def _span(dt, variant, n, knots, J, rows, left):
@@ -191,38 +197,58 @@ def _sums_over(x, n, every, w, rho, last, result):
         result[k] = (w * total).real
 
 
-def _between_edges(scene, family, one):
+def _between_edges(scene, family, one, best):
     """`Scan`, if there are any, of pulses between the likeliest onsets of steps of
-    opposite sign.
+    opposite sign, and between the likeliest edges near the `best` of a grid, each of
+    which is an onset, samples and their information.
     """
-    steps = step_scores(scene, one)
+    steps, residual = step_scores(scene, one), one.residual[0]
     size, (peaks, how) = steps.size[0], find_peaks(steps.gain[0], prominence=1.0)
     peaks = np.sort(peaks[np.argsort(-how["prominences"])[:EDGES]])
-    spans = np.array([(i + 1, j - i) for i, j in itertools.combinations(
-        peaks.tolist(), 2) if size[i] * size[j] < 0.0
-        and MIN_PULSE <= j - i <= len(scene.y) // 2])
+    log_n, log_J = np.log([own[1:] for own in best]).T
+    powers = np.gradient(log_J, log_n) if len(best) > 1 else np.ones(1)
+    edges = {(i + 1, j + 1) for i, j in itertools.combinations(peaks.tolist(), 2)
+             if size[i] * size[j] < 0.0} | {
+        _edges_near(np.append(0.0, np.cumsum(residual)), onset, n, power)
+        for (onset, n, _), power in zip(best, powers)}
+    spans = np.array([(i, j - i) for i, j in sorted(edges)
+                      if MIN_PULSE <= j - i <= len(scene.y) // 2])
     if len(spans):
         found = scores_at(scene, family, one, (scene.dt * spans).tolist())
-        share = np.array([_log_share(one.residual[0], *pulse, sd**-2)
-                          for pulse, sd in zip(spans.tolist(), found.sd[0])])
+        share = np.array([
+            _log_share(residual, *pulse, sd**-2, np.interp(
+                np.log(pulse[1]), log_n, powers))
+            for pulse, sd in zip(spans.tolist(), found.sd[0])])
         yield Scan(np.maximum(found.gain[0] + 2.0 * share, 0.0), 1, lambda number: (
             scene.dt * spans[number], np.full(len(number), RECTANGULAR)), share)
 
 
-def _log_share(residual, onset, n, J):
-    """ln of the part of a cell of the grid of its duration in which the Bayes factor of
-    a pulse is near its peak.
+def _edges_near(total, onset, n, power):
+    """Edges of the likeliest pulse near one of n samples, whose information grows with
+    its samples to some power; `total` (N + 1,) are sums of a residual before a sample.
+    """
+    reach, i, j = n // 3, onset, onset + n
+    first = np.arange(max(i - reach, 1), i + reach + 1)
+    last = np.arange(j - reach, min(j + reach + 1, len(total)))
+    for _ in range(2):
+        i = int(first[np.argmax((total[j] - total[first])**2 / (j - first)**power)])
+        j = int(last[np.argmax((total[last] - total[i])**2 / (last - i)**power)])
+    return i, j
 
-    Where an edge moves by few samples, the information J is about the same.
+
+def _log_share(residual, onset, n, J, power):
+    """ln of the part of a cell of the grid of its duration in which the Bayes factor of
+    a pulse is near its peak; its information J grows with its samples to some power.
     """
     area, reach = 1.0, max(n // (2 * PARTS), 1)
     number = residual[onset:onset + n].sum()
-    for edge in onset, onset + n:
+    for edge, longer in (onset, -1), (onset + n, 1):
         low, high = max(edge - reach, 0), min(edge + reach, len(residual))
         sums = np.cumsum(residual[low:high])
-        moved = sums - sums[edge - low - 1]
-        near = number - moved if edge == onset else number + moved
-        area *= np.exp(np.minimum(0.5 * (near**2 - number**2) / J, 50.0)).sum()
+        near = number + longer * (sums - sums[edge - low - 1])
+        more = longer * (np.arange(low, high) + 1 - edge) / n
+        area *= np.exp(np.minimum(0.5 * (
+            near**2 * (1.0 + more)**-power - number**2) / J, 50.0)).sum()
     cell = max(n // PARTS, 1) * n * np.log(DURATION_STEP)
     return min(np.log(area / cell), 0.0)
 
