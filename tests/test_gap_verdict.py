@@ -64,6 +64,14 @@ def test_a_family_is_named_where_its_members_split_it():
     assert verdict(temperature=0.4, thermal_lag=0.05, none=0.55) == "none"
 
 
+def test_of_two_effects_that_stand_for_each_other_one_is_named():
+    assert verdict(correlated_noise=0.45, wrong_parameter=0.42,
+                   correlated_noise_and_wrong_parameter=0.1, none=0.03
+                   ) == "correlated_noise"
+    assert verdict(sinusoid=0.3, outliers=0.2, sinusoid_and_outliers=0.45, none=0.05
+                   ) == "sinusoid+outliers"
+
+
 def test_sets_of_the_same_effects_are_one_in_whatever_order_they_were_found(
         monkeypatch):
     both = sets(bias_step_and_temperature=0.3, temperature_and_bias_step=0.5,

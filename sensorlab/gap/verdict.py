@@ -109,11 +109,18 @@ def split_families(causes):
 def verdict_of(causes):
     """The first cause if it is more probable than not, or else every effect that is, in
     whatever company (the median probability model; M. Barbieri, J. Berger, "Optimal
-    predictive model selection", Ann. Stat. 32, 2004), and every family that is.
+    predictive model selection", Ann. Stat. 32, 2004), and beside those that are more
+    probable, for each may stand for the other; and every family that is.
     """
     if causes[0].probability >= SURE:
         return causes[0].effect
-    sure = [e for e, p in present(causes).items() if p >= SURE]
+    chance, sure, all_of = present(causes), [], 1.0
+    for one in sorted(chance, key=chance.get, reverse=True):
+        with_it = sum(c.probability for c in causes if {*sure, one} <= set(
+            c.effects or ("none",)))
+        if chance[one] >= SURE and with_it >= SURE * all_of:
+            sure, all_of = [*sure, one], with_it
+    sure = [e for e in chance if e in sure]
     split = [" or ".join(members) for members, _ in split_families(causes)]
     return "+".join([*(e for e in sure if e != "unknown"), *split,
                      *(e for e in sure if e == "unknown")]) or "undecided"
