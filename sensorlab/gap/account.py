@@ -274,8 +274,9 @@ def gaussian(scene, acc):
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     masked = scene._replace(y=np.where(seen.odd[0, 0] > 0.5, np.nan, scene.y))
     plain, own = [], acc.member.jumps(acc.theta[None])
-    louder = Effect("louder_at_times", elementwise=True, model=functools.partial(
-        _louder_at_times, share=_in_burst(seen, own))) if own.louder[0] else None
+    louder = Effect(
+        "louder_at_times", elementwise=True, comes_last=True, model=functools.partial(
+            _louder_at_times, share=_in_burst(seen, own))) if own.louder[0] else None
     for h, sample in zip(acc.hypotheses, acc.samples):
         effects = tuple(one for one in h.effects if not one.effect.jumps)
         jumps = h.jumps(sample.mean[None])

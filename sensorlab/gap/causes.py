@@ -418,7 +418,7 @@ def _without_reading(full, acc, one):
                    readings, acc)
 
 
-MOST_STATES = 6    # of a shaping filter
+MOST_STATES = 10    # of a shaping filter: its filters take as long as their square
 
 
 def _has_room(effect, acc):

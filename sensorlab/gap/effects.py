@@ -95,6 +95,8 @@ class Effect(NamedTuple):
                                 # takes the variant, where there are variants
     variants: tuple = ()        # forms of a model; "" is the first
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
+    comes_last: bool = False    # the model alters what all others make, as that of a
+                                # reading does
     drive: Callable = None      # (scene, **parameters) -> sample from which on what
                                 # drives some states is so many times as strong, and how
                                 # many; the model says the same
@@ -229,7 +231,7 @@ class Member(NamedTuple):
         # rounding
         for one, own in sorted(zip(self.effects, values), key=lambda pair: (
                 not pair[0].effect.drive, not pair[0].effect.jumps,
-                bool(pair[0].effect.reading))):
+                pair[0].effect.comes_last or bool(pair[0].effect.reading))):
             if one.effect.model:
                 form = dict(variant=one.variant) if one.effect.variants else {}
                 filt = one.effect.model(self.scene, filt, **form, **own)
