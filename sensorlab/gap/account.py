@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
+from scipy.stats import binom
 
 from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.catalogue import beside, join
@@ -289,6 +290,23 @@ def gaussian(scene, acc):
             effects += (Found(louder, values=fixed(variance=jumps.louder[0])),)
         plain.append(h._replace(effects=effects))
     return masked, tuple(plain)
+
+
+CLUSTER = 16         # samples, in which outliers may come together
+BY_CHANCE = 1e-3    # that as many do somewhere in a record
+
+
+def with_clusters(scene, acc, masked):
+    """A scene whose outliers are masked, less those in a cluster that independent ones
+    do not make: something else may explain all of them at once.
+    """
+    odd, rate = np.isnan(masked.y) & ~np.isnan(scene.y), acc.member.jumps(
+        acc.theta[None]).rate[0]
+    window = np.ones(CLUSTER)
+    many = np.convolve(odd, window, "same") > binom.isf(
+        BY_CHANCE / len(odd), CLUSTER, rate)
+    near = np.convolve(many, window, "same") > 0.5
+    return masked._replace(y=np.where(near, scene.y, masked.y))
 
 
 def as_simulated(acc, scene, theta, widths=None):

@@ -6,7 +6,7 @@ import numpy as np
 
 from sensorid import brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.account import (
-    Account, account, evidence_error, fixed, gaussian, mean_evidence)
+    Account, account, evidence_error, fixed, gaussian, mean_evidence, with_clusters)
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
@@ -105,6 +105,8 @@ def further_causes(scene, acc, effects, processes=True):
         effects = [e for e in effects if not (e.columns and e.search in (
             "onset", "pulse"))]
     plain, hypotheses = gaussian(scene, acc)
+    if plain is not scene:
+        plain = with_clusters(scene, acc, plain)
     reference = acc if plain is scene else account(
         plain, hypotheses, signatures=acc.signatures)
     listed = families(plain, effects, acc.signatures)
