@@ -1,35 +1,35 @@
 """What a simulator has already does not hide what it lacks."""
 
-import types
-
 import numpy as np
 import pytest
-from conftest import DT
-from numpy.testing import assert_array_equal
+from conftest import DT, member
+from numpy.testing import assert_allclose, assert_array_equal
 
 import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
-from sensorlab.gap.account import fixed, with_clusters
+from sensorlab.gap import account
 
 SIZES = dict(
     bandwidth=dict(tau=2.0), noise_step=dict(onset=1500.0, ratio=1.8),
     outliers=dict(rate=0.01, sigma=4.0), bias_instability=dict(sigma=1.2),
     ringing=dict(onset=1500.0, duration=60.0, frequency=0.1, amplitude=4.0, phase=0.4),
+    random_telegraph=dict(dwell=100.0, size=2.0), rate_ramp=dict(slope=0.002),
     narrow_band_noise=dict(frequency=0.12, tau=30.0, sigma=0.6),
     noise_bursts=dict(quiet=150.0, duration=30.0, sigma=1.5))
 
 
 def effect(name):
     values, one = SIZES[name], CATALOGUE[name]
-    return Found(one, values=values if one.columns else fixed(**values))
+    return Found(one, values=values if one.columns else account.fixed(**values))
 
 
 @pytest.mark.large
 @pytest.mark.parametrize("known, missing", [
     ("bandwidth", "noise_step"), ("noise_step", "bandwidth"), ("outliers", "ringing"),
     ("narrow_band_noise", "bias_instability"), ("narrow_band_noise", "noise_bursts"),
-    ("noise_bursts", "bandwidth")])
+    ("noise_bursts", "bandwidth"), ("random_telegraph", "bandwidth"),
+    ("random_telegraph", "rate_ramp")])
 def test_what_is_missing_is_named_beside_what_is_known(known, missing):
     scene = Scene(np.zeros(3000), DT, {})
     truth = sensorid.hypothesis("markov", tau_m=300.0, sigma_m=0.9, sigma_v=0.5)
@@ -45,13 +45,29 @@ def test_what_is_missing_is_named_beside_what_is_known(known, missing):
 
 
 def test_outliers_that_come_together_are_not_masked():
-    y, rng = np.zeros(4000), np.random.default_rng(3)
+    rng = np.random.default_rng(3)
     alone, together = rng.choice(1500, 30, replace=False), np.arange(2000, 2010)
-    scene = Scene(y, DT, {})
-    masked = y.copy()
-    masked[alone], masked[together] = np.nan, np.nan
-    rate = types.SimpleNamespace(rate=np.array([0.01]))
-    told = with_clusters(scene, types.SimpleNamespace(
-        theta=np.zeros(1), member=types.SimpleNamespace(jumps=lambda theta: rate)),
-        scene._replace(y=masked))
+    scene, y = Scene(np.zeros(4000), DT, {}), np.zeros(4000)
+    y[alone], y[together] = np.nan, np.nan
+    told = account._with_clusters(scene, scene._replace(y=y), 0.01)
     assert_array_equal(np.flatnonzero(np.isnan(told.y)), np.sort(alone))
+
+
+def test_a_level_that_is_known_is_taken_away():
+    rng = np.random.default_rng(5)
+    level = 2.0 * (np.cumsum(rng.random(1000) < 0.01) % 2) - 1.0
+    y = level + 0.3 * rng.standard_normal(1000)
+    white = sensorid.hypothesis("white_noise", sigma_v=(0.1, 1), bias_sigma=0.0)
+    scene = Scene(y, DT, {})
+    h = member(scene, white, "random_telegraph")
+    plain, (own,) = account.searched(scene, account.account(scene, [h]))
+    seen = ~np.isnan(plain.y)
+    assert seen.mean() > 0.95 and not own.effects
+    assert_allclose(plain.y[seen], (y - level)[seen], atol=0.1)
+    # a level that drowns in noise becomes noise of its covariance
+    scene = Scene(level + 3.0 * rng.standard_normal(1000), DT, {})
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=(1, 5)),
+               "random_telegraph").fixed({("random_telegraph", "size"): 2.0})
+    plain, (own,) = account.searched(scene, account.account(scene, [h]))
+    assert not np.isnan(plain.y).any()
+    assert [one.name for one in own.effects] == ["level_as_noise"]

@@ -294,15 +294,36 @@ def gaussian(scene, acc):
 
 CLUSTER = 16         # samples, in which outliers may come together
 BY_CHANCE = 1e-3    # that as many do somewhere in a record
+SURE = 0.98         # which of two levels a sample has
+MOSTLY = 0.95       # of the samples, if the level is known
 
 
-def with_clusters(scene, acc, masked):
-    """A scene whose outliers are masked, less those in a cluster that independent ones
-    do not make: something else may explain all of them at once.
+def searched(scene, acc):
+    """Scene and hypotheses without jumps, in which all else is sought: as `gaussian`,
+    but a level that is known is taken away, and outliers in clusters that independent
+    ones do not make are back: something else may explain all of them at once.
     """
-    odd, rate = np.isnan(masked.y) & ~np.isnan(scene.y), acc.member.jumps(
-        acc.theta[None]).rate[0]
-    window = np.ones(CLUSTER)
+    plain, hypotheses = gaussian(scene, acc)
+    if plain is scene:
+        return scene, hypotheses
+    jumps = acc.member.jumps(acc.theta[None])
+    plain = _with_clusters(scene, plain, jumps.rate[0])
+    if not jumps.half[0]:
+        return plain, hypotheses
+    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
+    second = smoothed(seen.second[0, 0], jumps.begin[0], jumps.end[0])
+    known = np.maximum(second, 1.0 - second) > SURE
+    if known.mean() < MOSTLY:
+        return plain, hypotheses
+    level = np.where(known, jumps.half[0] * np.sign(second - 0.5), np.nan)
+    return plain._replace(y=plain.y - level), tuple(h._replace(effects=tuple(
+        one for one in h.effects if one.effect is not LEVEL_AS_NOISE))
+        for h in hypotheses)
+
+
+def _with_clusters(scene, masked, rate):
+    """A scene with samples back that are masked as outliers of a rate."""
+    window, odd = np.ones(CLUSTER), np.isnan(masked.y) & ~np.isnan(scene.y)
     many = np.convolve(odd, window, "same") > binom.isf(
         BY_CHANCE / len(odd), CLUSTER, rate)
     near = np.convolve(many, window, "same") > 0.5

@@ -6,7 +6,7 @@ import numpy as np
 
 from sensorid import brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.account import (
-    Account, account, evidence_error, fixed, gaussian, mean_evidence, with_clusters)
+    Account, account, evidence_error, fixed, gaussian, mean_evidence, searched)
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
@@ -104,9 +104,7 @@ def further_causes(scene, acc, effects, processes=True):
     if acc.member.steps:    # what begins at some time is one more step, or two
         effects = [e for e in effects if not (e.columns and e.search in (
             "onset", "pulse"))]
-    plain, hypotheses = gaussian(scene, acc)
-    if plain is not scene:
-        plain = with_clusters(scene, acc, plain)
+    plain, hypotheses = searched(scene, acc)
     reference = acc if plain is scene else account(
         plain, hypotheses, signatures=acc.signatures)
     listed = families(plain, effects, acc.signatures)
