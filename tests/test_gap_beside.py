@@ -14,7 +14,7 @@ SIZES = dict(
     bandwidth=dict(tau=2.0), noise_step=dict(onset=1500.0, ratio=1.8),
     outliers=dict(rate=0.01, sigma=4.0), bias_instability=dict(sigma=1.2),
     ringing=dict(onset=1500.0, duration=60.0, frequency=0.1, amplitude=4.0, phase=0.4),
-    random_telegraph=dict(dwell=100.0, size=2.0), rate_ramp=dict(slope=0.002),
+    random_telegraph=dict(dwell=100.0, size=2.0),
     narrow_band_noise=dict(frequency=0.12, tau=30.0, sigma=0.6),
     noise_bursts=dict(quiet=150.0, duration=30.0, sigma=1.5))
 
@@ -28,8 +28,7 @@ def effect(name):
 @pytest.mark.parametrize("known, missing", [
     ("bandwidth", "noise_step"), ("noise_step", "bandwidth"), ("outliers", "ringing"),
     ("narrow_band_noise", "bias_instability"), ("narrow_band_noise", "noise_bursts"),
-    ("noise_bursts", "bandwidth"), ("random_telegraph", "bandwidth"),
-    ("random_telegraph", "rate_ramp")])
+    ("noise_bursts", "bandwidth"), ("random_telegraph", "bandwidth")])
 def test_what_is_missing_is_named_beside_what_is_known(known, missing):
     scene = Scene(np.zeros(3000), DT, {})
     truth = sensorid.hypothesis("markov", tau_m=300.0, sigma_m=0.9, sigma_v=0.5)
@@ -60,7 +59,7 @@ def test_a_level_that_is_known_is_taken_away():
     white = sensorid.hypothesis("white_noise", sigma_v=(0.1, 1), bias_sigma=0.0)
     scene = Scene(y, DT, {})
     h = member(scene, white, "random_telegraph")
-    plain, (own,) = account.searched(scene, account.account(scene, [h]))
+    plain, (own,) = account.for_processes(scene, account.account(scene, [h]))
     seen = ~np.isnan(plain.y)
     assert seen.mean() > 0.95 and not own.effects
     assert_allclose(plain.y[seen], (y - level)[seen], atol=0.1)
@@ -68,6 +67,6 @@ def test_a_level_that_is_known_is_taken_away():
     scene = Scene(level + 3.0 * rng.standard_normal(1000), DT, {})
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=(1, 5)),
                "random_telegraph").fixed({("random_telegraph", "size"): 2.0})
-    plain, (own,) = account.searched(scene, account.account(scene, [h]))
+    plain, (own,) = account.for_processes(scene, account.account(scene, [h]))
     assert not np.isnan(plain.y).any()
     assert [one.name for one in own.effects] == ["level_as_noise"]

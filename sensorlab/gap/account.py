@@ -298,16 +298,25 @@ SURE = 0.98         # which of two levels a sample has
 MOSTLY = 0.95       # of the samples, if the level is known
 
 
-def searched(scene, acc):
-    """Scene and hypotheses without jumps, in which all else is sought: as `gaussian`,
-    but a level that is known is taken away, and outliers in clusters that independent
-    ones do not make are back: something else may explain all of them at once.
+def for_signatures(scene, acc):
+    """Scene and hypotheses without jumps in which signatures are sought: as `gaussian`,
+    but outliers in clusters that independent ones do not make are back: a signature may
+    explain all of them at once.
     """
     plain, hypotheses = gaussian(scene, acc)
-    if plain is scene:
-        return scene, hypotheses
+    if plain is not scene:
+        plain = _with_clusters(scene, plain, acc.member.jumps(acc.theta[None]).rate[0])
+    return plain, hypotheses
+
+
+def for_processes(scene, acc):
+    """Scene and hypotheses without jumps in which processes are sought: as `gaussian`,
+    but a level that is known is taken away.
+
+    Where it is taken for the other one, that looks like a pulse, but like no process.
+    """
+    plain, hypotheses = gaussian(scene, acc)
     jumps = acc.member.jumps(acc.theta[None])
-    plain = _with_clusters(scene, plain, jumps.rate[0])
     if not jumps.half[0]:
         return plain, hypotheses
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])

@@ -6,7 +6,8 @@ import numpy as np
 
 from sensorid import brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.account import (
-    Account, account, evidence_error, fixed, gaussian, mean_evidence, searched)
+    Account, account, evidence_error, fixed, for_processes, for_signatures, gaussian,
+    mean_evidence)
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
@@ -92,6 +93,7 @@ class _Rival(NamedTuple):
 
 LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters, which
                     # cost a long record more
+SEEN = 0.5          # of ln B beside what stands in for jumps, that jumps must leave
 PRIOR_NONE = 0.5    # that nothing is missing
 PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
 
@@ -104,15 +106,15 @@ def further_causes(scene, acc, effects, processes=True):
     if acc.member.steps:    # what begins at some time is one more step, or two
         effects = [e for e in effects if not (e.columns and e.search in (
             "onset", "pulse"))]
-    plain, hypotheses = searched(scene, acc)
-    reference = acc if plain is scene else account(
-        plain, hypotheses, signatures=acc.signatures)
+    plain, reference = _without_jumps(scene, acc, for_signatures)
     listed = families(plain, effects, acc.signatures)
     say("looking for signatures", 4)
     samples = directed(plain, reference, listed)
     rivals = _with_signatures(listed, samples)
-    rivals += _with_filters(scene, plain, acc, reference, effects, processes,
-                            max([0.0, *(one.log_bayes for one in rivals)]))
+    rivals += _with_filters(scene, *(
+        _without_jumps(scene, acc, for_processes) if acc.member.levels
+        else (plain, reference)), acc, effects, processes,
+        max([0.0, *(one.log_bayes for one in rivals)]))
     if processes:
         rivals += [rival for effect in effects if effect.factor
                    for wrong in (_with_wrong_parameters, _with_wrong_scale)
@@ -146,12 +148,20 @@ def further_causes(scene, acc, effects, processes=True):
     if alone >= 0.5:
         return Further(tuple(causes), None, prior)
     chosen = _with_best(scene, plain, acc, best, signature)
-    if plain is not scene and (chosen.log_evidence - acc.log_evidence
-                               < np.log(len(rivals)) + search_cost(best.effect, scene)):
+    if plain is not scene and chosen.log_evidence - acc.log_evidence < max(
+            np.log(len(rivals)) + search_cost(best.effect, scene),
+            SEEN * best.log_bayes):
         # what stood in for the jumps misled: the filter with jumps sees nothing
         return further_causes(scene, acc, [e for e in effects if e is not best.effect],
                               processes)
     return Further(tuple(causes), chosen, prior)
+
+
+def _without_jumps(scene, acc, stand_in):
+    """The scene and the account where another effect is sought, without jumps."""
+    plain, hypotheses = stand_in(scene, acc)
+    return plain, acc if plain is scene else account(
+        plain, hypotheses, signatures=acc.signatures)
 
 
 def search_cost(effect, scene):
@@ -175,7 +185,7 @@ AT_LEAST = 0.7    # of the best ln B, or of what another screen of the scores te
                   # screen that tells less is good enough
 
 
-def _with_filters(scene, plain, acc, reference, effects, processes, best):
+def _with_filters(scene, plain, reference, acc, effects, processes, best):
     """Rivals that are inside the filter: models, if wanted, and jumps; `best` is the
     largest ln B of all others.
     """
