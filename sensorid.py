@@ -129,6 +129,19 @@ def as_samples(y):
     return np.asarray(y, float)
 
 
+@contextlib.contextmanager
+def one_thread_if(little):
+    """With one thread where there is little work: where another process has the other
+    cores, to wait for a second thread takes longer.
+    """
+    threads = get_num_threads()
+    set_num_threads(1 if little else threads)
+    try:
+        yield
+    finally:
+        set_num_threads(threads)
+
+
 def side_by_side(function, items):
     """function(item) of every item, in their order; as many at a time as there are
     threads, each of which has no further ones. What runs long in it must leave the
@@ -1362,26 +1375,13 @@ def _sums(b, y, observed, stops, pairs):
     pairs = NO_PAIRS if pairs is None else pairs
     parts, done = run(b, y, observed, stretches, pairs), 0
     for end in stops:
-        with _no_more_threads_than(-(-len(b.r) // GROUP) * len(y) * (end - done)):
+        with one_thread_if(-(-len(b.r) // GROUP) * len(y) * (end - done) <= SMALL):
             sums = next(parts)
         done = end
         yield Sums(int(observed[:end].sum()), *sums)
 
 
 SMALL = 10**5    # samples of records in groups of nodes: a few milliseconds
-
-
-@contextlib.contextmanager
-def _no_more_threads_than(work):
-    """With one thread for little work, of samples of records in groups of nodes: where
-    another process has the other cores, to wait for a second thread takes longer.
-    """
-    threads = get_num_threads()
-    set_num_threads(1 if work <= SMALL else threads)
-    try:
-        yield
-    finally:
-        set_num_threads(threads)
 
 
 def _abreast(part):
