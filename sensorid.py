@@ -129,6 +129,19 @@ def as_samples(y):
     return np.asarray(y, float)
 
 
+@contextlib.contextmanager
+def one_thread_if(little):
+    """With one thread where there is little work: where another process has the other
+    cores, to wait for a second thread takes longer.
+    """
+    threads = get_num_threads()
+    set_num_threads(1 if little else threads)
+    try:
+        yield
+    finally:
+        set_num_threads(threads)
+
+
 def side_by_side(function, items):
     """function(item) of every item, in their order; as many at a time as there are
     threads, each of which has no further ones. What runs long in it must leave the
@@ -1362,26 +1375,13 @@ def _sums(b, y, observed, stops, pairs):
     pairs = NO_PAIRS if pairs is None else pairs
     parts, done = run(b, y, observed, stretches, pairs), 0
     for end in stops:
-        with _no_more_threads_than(-(-len(b.r) // GROUP) * len(y) * (end - done)):
+        with one_thread_if(-(-len(b.r) // GROUP) * len(y) * (end - done) <= SMALL):
             sums = next(parts)
         done = end
         yield Sums(int(observed[:end].sum()), *sums)
 
 
 SMALL = 10**5    # samples of records in groups of nodes: a few milliseconds
-
-
-@contextlib.contextmanager
-def _no_more_threads_than(work):
-    """With one thread for little work, of samples of records in groups of nodes: where
-    another process has the other cores, to wait for a second thread takes longer.
-    """
-    threads = get_num_threads()
-    set_num_threads(1 if work <= SMALL else threads)
-    try:
-        yield
-    finally:
-        set_num_threads(threads)
 
 
 def _abreast(part):
@@ -2726,22 +2726,44 @@ def _differences_of_clusters(omega, m):
     rows, N = omega.shape
     result, sums, gone = np.empty((rows, len(m))), np.zeros(N + 1), np.zeros(N + 1)
     for row in range(rows):
-        middle, seen = 0.0, 0
-        for value in omega[row]:    # about it, sums keep their digits
-            if not np.isnan(value):
-                middle += value
-                seen += 1
-        middle /= max(seen, 1)
+        middle = _sum(omega[row]) / N    # about it, sums keep their digits
+        whole = not np.isnan(middle)
+        if not whole:
+            middle = np.nanmean(omega[row])
         for i in range(N):
-            missing = np.isnan(omega[row, i])
-            sums[i + 1] = sums[i] + (0.0 if missing else omega[row, i] - middle)
-            gone[i + 1] = gone[i] + missing
+            value = omega[row, i] - middle
+            missing = np.isnan(value)
+            sums[i + 1] = sums[i] + (0.0 if missing else value)
+            if not whole:
+                gone[i + 1] = gone[i] + missing
         for k in range(len(m)):
-            result[row, k] = _mean_square_apart(sums, gone, m[k])
+            result[row, k] = _mean_square_of_whole(sums, m[k]) if whole else (
+                _mean_square_apart(sums, gone, m[k]))
     return result
 
 
-@njit(**{**JIT, "fastmath": {"contract", "reassoc"}})
+REORDERED = {**JIT, "fastmath": {"contract", "reassoc"}}
+
+
+@njit(**REORDERED)
+def _sum(values):
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+
+@njit(**REORDERED)
+def _mean_square_of_whole(sums, m):
+    """`_mean_square_apart` where nothing misses."""
+    total = 0.0
+    for i in range(2 * m, len(sums)):
+        apart = sums[i] - 2.0 * sums[i - m] + sums[i - 2 * m]
+        total += apart * apart
+    return total / (len(sums) - 2 * m) / m**2
+
+
+@njit(**REORDERED)
 def _mean_square_apart(sums, gone, m):
     """Mean square of (second mean of m - first mean of m) from the sums of all samples
     before each, and the number of those that miss.

@@ -101,6 +101,16 @@ def test_outliers_in_white_noise_are_an_independent_mixture():
     assert_allclose(norm.cdf(p.z[0, 0]), cdf, rtol=1e-9)
 
 
+def test_tail_is_that_of_the_normal_law_as_far_as_there_are_numbers():
+    score = np.linspace(0.0, 37.0, 2001)
+    expected = norm.sf(score)
+    actual = np.array([mixtures.tail(one) for one in score])
+    near = score < 8.0
+    assert_allclose(actual[near], expected[near], rtol=1e-10)
+    assert_allclose(actual, expected, rtol=2e-9)    # rounding of ten squares
+    assert mixtures.tail(40.0) == 0.0
+
+
 def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
     h = sensorid.hypothesis("white_noise", sigma_v=0.5, bias_sigma=0.0)
     y = np.random.default_rng(2).standard_normal(10)

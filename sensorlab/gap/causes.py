@@ -116,9 +116,10 @@ def further_causes(scene, acc, effects, processes=True):
         else (plain, reference)), acc, effects, processes,
         max([0.0, *(one.log_bayes for one in rivals)]))
     if processes:
+        floor = _floor(acc, max([0.0, *(one.log_bayes for one in rivals)]))
         rivals += [rival for effect in effects if effect.factor
                    for wrong in (_with_wrong_parameters, _with_wrong_scale)
-                   for rival in wrong(scene, acc, effect)]
+                   for rival in wrong(scene, acc, effect, floor)]
     say("weighing", 2)
     prior, alone, share = _probabilities(acc, rivals)
     groups = _grouped(rivals, share)
@@ -214,13 +215,20 @@ def _with_filters(scene, plain, reference, acc, effects, processes, best):
                     yield _Rival(effect, "", told, variant=variant)
                     continue
             new = account(at, acc.bases, richer, acc.signatures, acc.readings, start,
-                          start.log_evidence + max(HOPELESS_NATS, best - MATTERS))
+                          _floor(start, best))
             if new.member.steps and _steps(new, at) < FEWEST_STEPS:
                 continue
             best = max(best, _log_bayes(new, start))
             yield _Rival(effect, "", _log_bayes(new, start), account=new,
                          values=_values(new.member.effects[-1], new),
                          variant=variant)
+
+
+def _floor(acc, best):
+    """Log evidence below which a rival of the best, by its ln B over an account, need
+    not be known well.
+    """
+    return acc.log_evidence + max(HOPELESS_NATS, best - MATTERS)
 
 
 def _told_by_screens(scene, plain, acc, reference, effects):
@@ -450,7 +458,7 @@ def _has_room(effect, acc):
         not effect.drive or effect.of_white or any(f.Gamma.any() for f in filters))
 
 
-def _with_wrong_parameters(scene, acc, effect):
+def _with_wrong_parameters(scene, acc, effect, floor):
     """Rivals in which one parameter of the simulator may leave its bounds.
 
     A range is left alone unless the record pushes against one of its ends.
@@ -461,7 +469,7 @@ def _with_wrong_parameters(scene, acc, effect):
         if not any(pushed for _, pushed in widened):
             continue
         wide = account(scene, acc.bases, [h for h, _ in widened], acc.signatures,
-                       acc.readings, acc)
+                       acc.readings, acc, floor)
         name = ".".join(filter(None, key))
         yield _Rival(effect, name, _log_bayes(wide, acc), account=wide,
                      values=dict(parameter=(name, 0.0),
@@ -482,7 +490,7 @@ def _wrong_key(one):
     return effect, symbol
 
 
-def _with_wrong_scale(scene, acc, effect):
+def _with_wrong_scale(scene, acc, effect, floor):
     """The rival in which one factor, wrong units say, is on all standard deviations, if
     there are several of which the record pushes against one.
     """
@@ -497,7 +505,7 @@ def _with_wrong_scale(scene, acc, effect):
     factor = Beyond("factor", 1.0 / effect.factor, effect.factor, 1.0, 1.0)
     scaled = account(scene, acc.bases, [h._replace(effects=(*h.effects, Found(
         effect, values=dict(factor=factor)))) for h in acc.hypotheses], acc.signatures,
-        acc.readings, acc)
+        acc.readings, acc, floor)
     yield _Rival(effect, ALL, _log_bayes(scaled, acc), account=scaled,
                  values=dict(parameter=(ALL, 0.0),
                              **_values(scaled.member.effects[-1], scaled)))

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import (
-    Parameter, as_samples, at_quantiles, brief, free_columns, mean_square, random_walk,
-    rate_ramp)
+    Parameter, as_samples, at_quantiles, brief, free_columns, mean_square,
+    one_thread_if, random_walk, rate_ramp)
 from sensorlab.gap.account import Account, account, as_simulated, fixed
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
@@ -104,11 +104,13 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     effects = tuple(CATALOGUE.values() if effects is None else effects)
     simulator = _simulator(simulator)
     check_memory(len(y), len(columns))
-    with heard_by(progress, EXPECTED):
+    with heard_by(progress, EXPECTED), one_thread_if(len(y) <= SHORT_RECORD):
         return _diagnosed(Scene(snapped(y), dt, columns), simulator, effects, trials,
                           seed, simulated)
 
 
+SHORT_RECORD = 6000    # samples, up to which a step takes less time than a thread waits
+                       # for the interpreter that another has
 EXPECTED = 18    # parts of the work, as `say` counts them, where nothing is found
 
 

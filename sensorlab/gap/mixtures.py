@@ -8,6 +8,8 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.polynomial.chebyshev import cheb2poly, chebfit
+from scipy.special import erfcx
 
 from sensorid import JIT, LOG_2PI
 from sensorlab.gap.kernels import (
@@ -102,6 +104,10 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                              P.reshape(n, n, levels, lanes))
         A, apart, new = (np.empty((n, *by_path)), np.empty((n, levels, lanes)),
                          np.empty((levels, lanes)))
+        rate_of, wild_of, e_of, per_f_of = (
+            rate.reshape(by_path), wild.reshape(by_path), e.reshape(by_path),
+            per_f.reshape(kinds, *by_path))
+        told = np.zeros((rows, lanes))
         due = 0 if len(later) else -1
         for i in range(N):
             h, h2 = H[i], H[i, moved] * H[i, moved]
@@ -176,21 +182,17 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                 _share_paths(here_of, prior_of, seen, mass, share_of, weight_of)
                 _merge_paths(share_of, gain_of, shrink_of, step_of, h, moved, A, apart,
                              new, x_of, P_of, Ph_of)
+            if rows and levels * kinds == 1:
+                for g in range(lanes):
+                    told[0, g] = e[g] * np.sqrt(per_f[0, g])
+            elif rows:
+                _probabilities_beside(rate_of, prior_of, per_f_of, e_of, less, power,
+                                      told)
+            if rows > 2:
+                _odd_and_log_score(here_of, wild_of, mass, least, weight, told)
             for g in range(number if rows else 0):
-                if seen[g] > 0.0:
-                    if rows > 2:
-                        out[record[g], node[g], 3, i] = (
-                            np.log(mass[g]) - least[g] - 0.5 * LOG_2PI)
-                        out[record[g], node[g], 4, i] = 1.0 - weight[g]
-                    if levels * kinds == 1:
-                        out[record[g], node[g], 0, i] = e[g] * np.sqrt(per_f[0, g])
-                        continue
-                    below, above, odd = _sample_law(g, lanes, rate, prior, here, wild,
-                                                    per_f, e)
-                    out[record[g], node[g], 0, i] = below
-                    out[record[g], node[g], 1, i] = above
-                    if rows > 2:
-                        out[record[g], node[g], 2, i] = odd / mass[g]
+                for row in range(rows if seen[g] > 0.0 else 0):
+                    out[record[g], node[g], row, i] = told[row, g]
         for g in range(number):
             total[record[g], node[g]] = -log_f[g]
 
@@ -300,20 +302,75 @@ def exponentials(x, power, bits):
 
 
 @njit(**JIT)
-def _sample_law(g, lanes, rate, prior, here, wild, per_f, nu):
-    """Predictive probabilities below and above a sample, and its density as an outlier.
+def _probabilities_beside(rate, prior, per_f, e, score, beyond, told):
+    """Predictive probabilities below and above a sample, the first rows of told
+    (2 or 5, lanes), over paths (paths, lanes) and kinds.
     """
-    below = above = odd = 0.0
-    for at in range(g, len(nu), lanes):
-        odd += here[at] * wild[at]
-        for kind in range(len(per_f)):
-            part = 0.5 * prior[at] * (rate[at] if kind else 1.0 - rate[at])
-            e = nu[at] * np.sqrt(0.5 * per_f[kind, at])
-            tail = part * math.erfc(abs(e))
-            rest = 2.0 * part - tail
-            below += rest if e > 0.0 else tail
-            above += tail if e > 0.0 else rest
-    return below, above, odd
+    paths, lanes = rate.shape
+    for row in range(2):
+        for g in range(lanes):
+            told[row, g] = 0.0
+    for kind in range(len(per_f)):
+        for path in range(paths):
+            for g in range(lanes):
+                score[g] = np.abs(e[path, g]) * np.sqrt(per_f[kind, path, g])
+            for g in range(lanes):
+                beyond[g] = tail(score[g])
+            for g in range(lanes):
+                score[g] = prior[path, g] * (
+                    rate[path, g] if kind else 1.0 - rate[path, g])
+                beyond[g] *= score[g]
+            for g in range(lanes):
+                near, positive = score[g] - beyond[g], e[path, g] > 0.0
+                told[0, g] += near if positive else beyond[g]
+                told[1, g] += beyond[g] if positive else near
+
+
+@njit(**JIT)
+def _odd_and_log_score(here, wild, mass, least, weight, told):
+    """The other rows of told: probability of an outlier, log density, and probability
+    of the second level.
+    """
+    paths, lanes = here.shape
+    for g in range(lanes):
+        odd = 0.0
+        for path in range(paths):
+            odd += here[path, g] * wild[path, g]
+        told[2, g] = odd / mass[g]
+        told[3, g] = np.log(mass[g]) - least[g] - 0.5 * LOG_2PI
+        told[4, g] = 1.0 - weight[g]
+
+
+def _series_of_tail(degree=14):
+    """Coefficients, the highest first, of erfcx(a) / t, t = 1 / (1 + a / 4), in powers
+    of 2 t - 1: to 1e-10 of it.
+    """
+    x = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
+    t = 0.5 * (x + 1.0)
+    series = cheb2poly(chebfit(x, erfcx(4.0 / t - 4.0) / t, degree))
+    return tuple(series[::-1].tolist())
+
+
+TAIL = _series_of_tail()
+
+
+@njit(**JIT)
+def tail(score):
+    """Probability of a normal score beyond one that is not negative, to 1e-9 of it: the
+    function of a library takes one number at a time.
+    """
+    a = score * math.sqrt(0.5)
+    t, series = 1.0 / (1.0 + 0.25 * a), 0.0
+    for k in range(len(TAIL)):
+        series = series * (2.0 * t - 1.0) + TAIL[k]
+    # exp by the 1024th power of its series; beyond, numbers are too small to be fast
+    x = (-a * a if a < 26.4 else -26.4 * 26.4) / 1024.0
+    e = 1.0 + x * (1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (
+        1 / 720 + x * (1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * (
+            1 / 3628800 + x * (1 / 39916800 + x * (1 / 479001600))))))))))))
+    for _ in range(10):
+        e *= e
+    return 0.5 * t * series * e * (1.0 if a < 26.4 else 0.0)
 
 
 @njit(**KERNEL)

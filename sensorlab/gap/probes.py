@@ -37,8 +37,9 @@ class Probes(NamedTuple):
         """Products (S, R) with residuals z (R, N)."""
         back = self.filter.whitened_back(z, self.first)
         of_curves = row_products(self.curves, back)
-        after = back[:, ::-1].cumsum(1)[:, ::-1]    # sums from every sample on
-        return np.vstack([after[:, self.shifts].T, of_curves]) / self.norm[:, None]
+        between = np.add.reduceat(back, self.shifts, axis=1)
+        after = between[:, ::-1].cumsum(1)[:, ::-1]    # sums from every shift on
+        return np.vstack([after.T, of_curves]) / self.norm[:, None]
 
     def whitened_curves(self):
         """The curves whitened, (K, N), of unit norm; 0 in gaps."""
