@@ -41,7 +41,7 @@ def ln_bayes(scene, h, name):
     base = account(scene, [h])
     full = account(scene, [h], [h.with_effect(CATALOGUE[name])], past=base)
     seen = filters.predict(h, scene, (), base.theta[None])
-    if CATALOGUE[name].drive:
+    if CATALOGUE[name].drive and name not in screens.SCREENS:
         return full.log_evidence - base.log_evidence, screens.change_of_drive(
             CATALOGUE[name], scene, base.member, (), base.theta).about
     if name not in screens.SCREENS:

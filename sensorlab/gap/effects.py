@@ -100,8 +100,8 @@ class Effect(NamedTuple):
     drive: Callable = None      # (scene, **parameters) -> sample from which on what
                                 # drives some states is so many times as strong, and how
                                 # many; the model says the same
-    of_white: bool = False      # these are the states of white noise that is low-passed;
-                                # the hypothesis's own, if not
+    of_white: bool = False      # these are the states of low-passed white noise; the
+                                # hypothesis's own, if not
     jumps: Callable = None      # (dt, **parameters) -> Jumps
     reading: Callable = None    # (scene, y, **values) alters values y (..., N) in place
     factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
@@ -250,7 +250,8 @@ class Member(NamedTuple):
             return np.arange(self.own_states)
         less = self._replace(effects=tuple(
             one for one in self.effects if one.effect is not effect))
-        stages = less._stages(self.scene.dt, np.array([p.mean for p in less.parameters]))
+        theta = np.array([p.mean for p in less.parameters])
+        stages = less._stages(self.scene.dt, theta)
         for before, after in zip(stages, stages[1:]):
             if before.Psi.any() and not after.Psi.any():
                 return np.arange(len(before.m0), len(after.m0))
