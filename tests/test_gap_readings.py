@@ -230,7 +230,8 @@ def test_noise_on_a_part_of_a_rounded_record_makes_no_sample_stick(lsb, begin, e
         rng = np.random.default_rng(seed)
         y = lsb * np.round(rng.standard_normal(4000) / lsb)
         y[begin:end] += 0.5 * rng.standard_normal(end - begin)
-        assert "stuck" not in [r.found.name for r in readings.readings(Scene(y, DT, {}))]
+        found = [r.found.name for r in readings.readings(Scene(y, DT, {}))]
+        assert "stuck" not in found
     y[3850:3880], y[3880] = y[3850], y[3850] + lsb
     (stuck,) = readings.readings(Scene(y, DT, {}))
     assert stuck.found.values["spans"] == [[3850.0, 30]]
