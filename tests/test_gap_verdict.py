@@ -70,6 +70,9 @@ def test_of_two_effects_that_stand_for_each_other_one_is_named():
                    ) == "correlated_noise"
     assert verdict(sinusoid=0.3, outliers=0.2, sinusoid_and_outliers=0.45, none=0.05
                    ) == "sinusoid+outliers"
+    # a step is more probable than not, but beside the outliers it may be a slow one
+    assert verdict(outliers_and_gradual_step=0.35, outliers_and_bias_step=0.3,
+                   bias_step=0.22, none=0.13) == "outliers+bias_step or gradual_step"
 
 
 def test_sets_of_the_same_effects_are_one_in_whatever_order_they_were_found(

@@ -92,35 +92,42 @@ FAMILIES = (    # effects that a record may show to be one of them, but not whic
     ("correlated_noise", "bias_instability", "random_telegraph"))
 
 
-def split_families(causes):
-    """(members, probability that any is there) of every family of which no member, but
-    one or the other, is more probable than not.
+def named(causes):
+    """Effects of the first cause if it is more probable than not, or else every effect
+    that is, in whatever company (the median probability model; M. Barbieri, J. Berger,
+    "Optimal predictive model selection", Ann. Stat. 32, 2004), and beside those that
+    are more probable, for each may stand for the other.
     """
-    chance, result = present(causes), []
+    if causes[0].probability >= SURE:
+        return causes[0].effects or ("none",)
+    chance, sure, all_of = present(causes), (), 1.0
+    for one in sorted(chance, key=chance.get, reverse=True):
+        with_it = sum(c.probability for c in causes if {*sure, one} <= set(
+            c.effects or ("none",)))
+        if chance[one] >= SURE and with_it >= SURE * all_of:
+            sure, all_of = (*sure, one), with_it
+    return tuple(e for e in chance if e in sure)
+
+
+def split_families(causes):
+    """(members, probability that any is there) of every family that is more probable
+    than not, but none of whose members is named.
+    """
+    chance, sure, result = present(causes), named(causes), []
     for family in FAMILIES:
         members = sorted((e for e in family if chance.get(e, 0.0) >= RARE),
                          key=lambda e: -chance[e])
         total = sum(c.probability for c in causes if set(c.effects) & set(family))
-        if len(members) > 1 and total >= SURE > chance[members[0]]:
+        if len(members) > 1 and total >= SURE and not set(family) & set(sure):
             result.append((tuple(members), total))
     return result
 
 
 def verdict_of(causes):
-    """The first cause if it is more probable than not, or else every effect that is, in
-    whatever company (the median probability model; M. Barbieri, J. Berger, "Optimal
-    predictive model selection", Ann. Stat. 32, 2004), and beside those that are more
-    probable, for each may stand for the other; and every family that is.
-    """
+    """The effects that are `named`, and families that are split; as one."""
+    sure = named(causes)
     if causes[0].probability >= SURE:
-        return causes[0].effect
-    chance, sure, all_of = present(causes), [], 1.0
-    for one in sorted(chance, key=chance.get, reverse=True):
-        with_it = sum(c.probability for c in causes if {*sure, one} <= set(
-            c.effects or ("none",)))
-        if chance[one] >= SURE and with_it >= SURE * all_of:
-            sure, all_of = [*sure, one], with_it
-    sure = [e for e in chance if e in sure]
+        return "+".join(sure)
     split = [" or ".join(members) for members, _ in split_families(causes)]
     return "+".join([*(e for e in sure if e != "unknown"), *split,
                      *(e for e in sure if e == "unknown")]) or "undecided"
