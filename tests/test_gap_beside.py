@@ -52,6 +52,11 @@ def test_outliers_that_come_together_are_not_masked():
     assert_array_equal(np.flatnonzero(np.isnan(told.y)), np.sort(alone))
 
 
+def for_processes(scene, h):
+    acc = account.account(scene, [h])
+    return account.for_processes(scene, acc, account.gaussian(scene, acc))
+
+
 def test_a_level_that_is_known_is_taken_away():
     rng = np.random.default_rng(5)
     level = 2.0 * (np.cumsum(rng.random(1000) < 0.01) % 2) - 1.0
@@ -59,7 +64,7 @@ def test_a_level_that_is_known_is_taken_away():
     white = sensorid.hypothesis("white_noise", sigma_v=(0.1, 1), bias_sigma=0.0)
     scene = Scene(y, DT, {})
     h = member(scene, white, "random_telegraph")
-    plain, (own,) = account.for_processes(scene, account.account(scene, [h]))
+    plain, (own,) = for_processes(scene, h)
     seen = ~np.isnan(plain.y)
     assert seen.mean() > 0.95 and not own.effects
     assert_allclose(plain.y[seen], (y - level)[seen], atol=0.1)
@@ -67,6 +72,6 @@ def test_a_level_that_is_known_is_taken_away():
     scene = Scene(level + 3.0 * rng.standard_normal(1000), DT, {})
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=(1, 5)),
                "random_telegraph").fixed({("random_telegraph", "size"): 2.0})
-    plain, (own,) = account.for_processes(scene, account.account(scene, [h]))
+    plain, (own,) = for_processes(scene, h)
     assert not np.isnan(plain.y).any()
     assert [one.name for one in own.effects] == ["level_as_noise"]

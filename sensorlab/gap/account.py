@@ -298,24 +298,24 @@ SURE = 0.98         # which of two levels a sample has
 MOSTLY = 0.95       # of the samples, if the level is known
 
 
-def for_signatures(scene, acc):
-    """Scene and hypotheses without jumps in which signatures are sought: as `gaussian`,
-    but outliers in clusters that independent ones do not make are back: a signature may
-    explain all of them at once.
+def for_signatures(scene, acc, stand_in):
+    """Scene and hypotheses without jumps in which signatures are sought: those that
+    `gaussian` gives, but outliers in clusters that independent ones do not make are
+    back: a signature may explain all of them at once.
     """
-    plain, hypotheses = gaussian(scene, acc)
+    plain, hypotheses = stand_in
     if plain is not scene:
         plain = _with_clusters(scene, plain, acc.member.jumps(acc.theta[None]).rate[0])
     return plain, hypotheses
 
 
-def for_processes(scene, acc):
-    """Scene and hypotheses without jumps in which processes are sought: as `gaussian`,
-    but a level that is known is taken away.
+def for_processes(scene, acc, stand_in):
+    """Scene and hypotheses without jumps in which processes are sought: those that
+    `gaussian` gives, but a level that is known is taken away.
 
     Where it is taken for the other one, that looks like a pulse, but like no process.
     """
-    plain, hypotheses = gaussian(scene, acc)
+    plain, hypotheses = stand_in
     jumps = acc.member.jumps(acc.theta[None])
     if not jumps.half[0]:
         return plain, hypotheses

@@ -106,15 +106,15 @@ def further_causes(scene, acc, effects, processes=True):
     if acc.member.steps:    # what begins at some time is one more step, or two
         effects = [e for e in effects if not (e.columns and e.search in (
             "onset", "pulse"))]
-    plain, reference = _without_jumps(scene, acc, for_signatures)
+    stand_in = gaussian(scene, acc)
+    plain, reference = _without_jumps(scene, acc, for_signatures(scene, acc, stand_in))
     listed = families(plain, effects, acc.signatures)
     say("looking for signatures", 4)
     samples = directed(plain, reference, listed)
     rivals = _with_signatures(listed, samples)
-    rivals += _with_filters(scene, *(
-        _without_jumps(scene, acc, for_processes) if acc.member.levels
-        else (plain, reference)), acc, effects, processes,
-        max([0.0, *(one.log_bayes for one in rivals)]))
+    rivals += _with_filters(scene, *_without_jumps(
+        scene, acc, for_processes(scene, acc, stand_in), (plain, reference)), acc,
+        effects, processes, max([0.0, *(one.log_bayes for one in rivals)]))
     if processes:
         floor = _floor(acc, max([0.0, *(one.log_bayes for one in rivals)]))
         rivals += [rival for effect in effects if effect.factor
@@ -158,11 +158,17 @@ def further_causes(scene, acc, effects, processes=True):
     return Further(tuple(causes), chosen, prior)
 
 
-def _without_jumps(scene, acc, stand_in):
-    """The scene and the account where another effect is sought, without jumps."""
-    plain, hypotheses = stand_in(scene, acc)
-    return plain, acc if plain is scene else account(
-        plain, hypotheses, signatures=acc.signatures)
+def _without_jumps(scene, acc, stand_in, like=None):
+    """The scene and the account where another effect is sought, of a scene and
+    hypotheses that stand in for those with jumps; those like it, if they are the same.
+    """
+    plain, hypotheses = stand_in
+    if plain is scene:
+        return scene, acc
+    if like and hypotheses == like[1].hypotheses and np.array_equal(
+            plain.y, like[0].y, equal_nan=True):
+        return like
+    return plain, account(plain, hypotheses, signatures=acc.signatures)
 
 
 def search_cost(effect, scene):
