@@ -442,7 +442,7 @@ def _without_reading(full, acc, one):
                    readings, acc)
 
 
-MOST_STATES = 10    # of a shaping filter: its filters take as long as their square
+MOST_STATES = 6    # of all processes, of each two at most
 
 
 def _has_room(effect, acc):
@@ -458,10 +458,10 @@ def _has_room(effect, acc):
     richer = [h.with_effect(effect) for h in acc.hypotheses]
     if richer[0].levels > 1:
         return False
-    filters = [h.filter(h.scene.dt, np.array([p.mean for p in h.parameters]))
-               for h in richer]
-    return max(len(f.m0) for f in filters) <= MOST_STATES and (
-        not effect.drive or effect.of_white or any(f.Gamma.any() for f in filters))
+    if max(h.order for h in richer) > MOST_STATES:
+        return False
+    return not effect.drive or effect.of_white or any(
+        h.at_mean[-1].Gamma.any() for h in richer)
 
 
 def _with_wrong_parameters(scene, acc, effect, floor):

@@ -239,6 +239,20 @@ class Member(NamedTuple):
         return stages
 
     @property
+    def at_mean(self):
+        """The filters that it is made of one after another, at mean parameters."""
+        theta = np.array([p.mean for p in self.parameters])
+        return self._stages(self.scene.dt, theta)
+
+    @property
+    def order(self):
+        """How many states its processes have, of each two at most: those of flicker
+        have one parameter.
+        """
+        states = [len(filt.m0) for filt in self.at_mean]
+        return states[0] + int(np.minimum(np.diff(states), 2).sum())
+
+    @property
     def own_states(self):
         """How many states the hypothesis has itself: they come first."""
         h, dt = self.hypothesis, self.scene.dt
@@ -248,10 +262,8 @@ class Member(NamedTuple):
         """Numbers of the states whose noise an effect changes."""
         if not effect.of_white:
             return np.arange(self.own_states)
-        less = self._replace(effects=tuple(
-            one for one in self.effects if one.effect is not effect))
-        theta = np.array([p.mean for p in less.parameters])
-        stages = less._stages(self.scene.dt, theta)
+        stages = self._replace(effects=tuple(
+            one for one in self.effects if one.effect is not effect)).at_mean
         for before, after in zip(stages, stages[1:]):
             if before.Psi.any() and not after.Psi.any():
                 return np.arange(len(before.m0), len(after.m0))
