@@ -222,8 +222,11 @@ def table(result):
             lines.append(f"{text:<20}{k:>3} of {len(own):<4}"
                          f"[{100 * low:.0f}, {100 * high:.0f}] %")
     sums = [one for c, one in result.items() if c[0] == "composed"]
-    for text, moved in (("the next run, too", False), ("  or parameters move", True)):
-        k = sum(describes_next(one, moved) for one in sums)
+    for text, count in (
+            ("the next run, too", lambda one: describes_next(one, False)),
+            ("  or parameters move", lambda one: describes_next(one, True)),
+            ("  or more is named", lambda one: one["then"]["p_value"] >= DESCRIBED)):
+        k = sum(map(count, sums))
         lines += [f"{text:<20}{k:>3} of {len(sums)}"] if sums else []
     for c, one in result.items():
         then = f", then {one['then']['verdict']}" if one["then"] else ""
