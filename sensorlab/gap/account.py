@@ -107,7 +107,8 @@ def guesses_from(past, number, h, scene, signatures):
     axes = list(known.values())
     kept = _spread(keys, list(known), mean[axes], cov[np.ix_(axes, axes)])
     result = [kept] if known else []
-    if h.driven and h.driven.key not in [one.key for one in other.effects]:
+    driven = h.driven
+    if driven and driven.key not in [one.key for one in other.effects]:
         return [*result, _before_change(h, keys, scene, signatures, other, sample)]
     changed = [(one.key, symbol) for one in h.effects if one.effect.search == "onset"
                for symbol in one.values]    # a spectrum tells nothing of these
@@ -216,11 +217,11 @@ def _not_usual(h, seen, theta):
     jumps at theta (p,).
     """
     jumps, odd = h.jumps(theta[None]), np.nan_to_num(seen.odd[0, 0])
-    return np.maximum(odd, _in_burst(seen, jumps)) if jumps.louder[0] else odd
+    return np.maximum(odd, _on_second(seen, jumps)) if jumps.louder[0] else odd
 
 
-def _in_burst(seen, jumps):
-    """Probability (N,) that samples are in a burst, by all of them."""
+def _on_second(seen, jumps):
+    """Probability (N,) that samples have the second level, by all of them."""
     return smoothed(seen.second[0, 0], jumps.begin[0], jumps.end[0])
 
 
@@ -277,7 +278,7 @@ def gaussian(scene, acc):
     plain, own = [], acc.member.jumps(acc.theta[None])
     louder = Effect(
         "louder_at_times", elementwise=True, comes_last=True, model=functools.partial(
-            _louder_at_times, share=_in_burst(seen, own))) if own.louder[0] else None
+            _louder_at_times, share=_on_second(seen, own))) if own.louder[0] else None
     for h, sample in zip(acc.hypotheses, acc.samples):
         effects = tuple(one for one in h.effects if not one.effect.jumps)
         jumps = h.jumps(sample.mean[None])
@@ -320,7 +321,7 @@ def for_processes(scene, acc, stand_in):
     if not jumps.half[0]:
         return plain, hypotheses
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
-    second = smoothed(seen.second[0, 0], jumps.begin[0], jumps.end[0])
+    second = _on_second(seen, jumps)
     known = np.maximum(second, 1.0 - second) > SURE
     if known.mean() < MOSTLY:
         return plain, hypotheses

@@ -277,10 +277,11 @@ class Member(NamedTuple):
 
     def evenly_driven(self, theta):
         """The same without a change of the noise of its states, and theta (M, p)."""
-        if self.driven is None:
+        driven = self.driven
+        if driven is None:
             return self, theta
         less = self._replace(effects=tuple(
-            one for one in self.effects if one is not self.driven))
+            one for one in self.effects if one is not driven))
         return less, theta[:, [self.keys.index(key) for key in less.keys]]
 
     @property

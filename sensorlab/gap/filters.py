@@ -66,10 +66,11 @@ class Change(NamedTuple):
 
 def _change(h, scene, theta):
     """`Change` of a hypothesis at theta (M, p), or None."""
-    if not h.driven:
+    one = h.driven
+    if not one:
         return None
-    first, ratio = h.driven.effect.drive(scene, **h.of(h.driven, theta))
-    return Change(h.states_driven(h.driven.effect), first, ratio**2)
+    first, ratio = one.effect.drive(scene, **h.of(one, theta))
+    return Change(h.states_driven(one.effect), first, ratio**2)
 
 
 def _driven(b, change):

@@ -207,9 +207,10 @@ def _between_edges(scene, family, one, best):
     peaks = np.sort(peaks[np.argsort(-how["prominences"])[:EDGES]])
     log_n, log_J = np.log([own[1:] for own in best]).T
     powers = np.gradient(log_J, log_n) if len(best) > 1 else np.ones(1)
+    total = np.append(0.0, np.cumsum(residual))
     edges = {(i + 1, j + 1) for i, j in itertools.combinations(peaks.tolist(), 2)
              if size[i] * size[j] < 0.0} | {
-        _edges_near(np.append(0.0, np.cumsum(residual)), onset, n, power)
+        _edges_near(total, onset, n, power)
         for (onset, n, _), power in zip(best, powers)}
     spans = np.array([(i, j - i) for i, j in sorted(edges)
                       if MIN_PULSE <= j - i <= len(scene.y) // 2])
