@@ -1,5 +1,7 @@
 """p-values where there is no gap."""
 
+from types import SimpleNamespace
+
 import generator
 import numba
 import numpy as np
@@ -166,11 +168,41 @@ def test_what_was_not_fitted_shows_no_gap_where_there_is_none():
         y = sensorid.simulate(h, DT, 1500, seed=seed).error[0]
         scene = Scene(y, DT, {})
         fit = account.account(Scene(y[:1000], DT, {}), members(Simulator(h), scene))
-        gap = distance.distance(scene, fit, 99, seed, 1000)
+        gap = distance.distance(scene, fit, 99, 1000 + seed, 1000)
         assert len(gap.statistics.place) == gap.null.shape[1] and gap.p_value > 1e-3
         squares.append(np.mean(gap.distance**2))
-    # over 40 seeds 0.97, and 0.22 from one to the next
-    assert abs(np.mean(squares) - 1.0) < 4.0 * 0.22 / np.sqrt(6)
+    # over 40 seeds 1.00, and 0.23 from one to the next
+    assert abs(np.mean(squares) - 1.0) < 4.0 * 0.23 / np.sqrt(6)
+
+
+def test_each_simulated_record_is_as_far_off_as_one_that_the_others_know_nothing_of():
+    rng = np.random.default_rng(3)
+    B, d, S = 12, 2, 5
+    s = rng.standard_normal((B, d))
+    T = 3.0 + s @ rng.standard_normal((d, S)) + rng.standard_normal((B, S))
+    fit = SimpleNamespace(setting=SimpleNamespace(acc=SimpleNamespace(readings=())))
+    _, null = distance._Ruler(fit, None, None).marked(T, s, SimpleNamespace(
+        value=T[:1], least=0.0))
+    for b in range(B):
+        others = np.arange(B) != b
+        X, own = np.column_stack([np.ones(B), s]), np.append(1.0, s[b])
+        past, square, *_ = np.linalg.lstsq(X[others], T[others], rcond=None)
+        spread = square / (B - 1 - 1 - d) * (1.0 + own @ np.linalg.inv(
+            X[others].T @ X[others]) @ own)
+        # a real record is fitted: only the mean of B others is off
+        assert_allclose(null[b], np.sqrt((1.0 + 1.0 / B) / spread) * (
+            T[b] - own @ past), rtol=1e-9)
+
+
+@pytest.mark.large
+def test_few_simulated_records_make_no_gap():
+    p = []
+    for k, y in enumerate(sensorid.simulate(MODEL, DT, 600, 100, seed=22).error):
+        scene = Scene(y, DT, {})
+        fit = account.account(scene, members(Simulator(MODEL), scene))
+        p.append(distance.distance(scene, fit, 30, 100 + k).p_value)
+    assert kstest(p, "uniform").pvalue > 1e-3
+    assert np.sum(np.array(p) < 0.3) <= binom.ppf(0.999, 100, 0.3)
 
 
 def test_the_error_of_a_p_value_is_its_spread_over_sets_of_simulated_records():

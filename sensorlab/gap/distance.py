@@ -58,6 +58,7 @@ MOVED = 48      # simulated records behind a move of indirect inference
 MOVES = 24      # moves for a record that readings hide, at most
 THERE = 0.2     # standard deviations, some 1 / sqrt(MOVED): a shorter move is none
 BOUND = 2.0     # of the first move
+LEAST_SHARE = 0.1    # of the variance of a residual: few records fit anything
 FEWER = (LONG_RECORD, 4), (10 * LONG_RECORD, 5)    # samples from which on so many times
                                                    # fewer must do
 
@@ -350,23 +351,31 @@ class _Ruler(NamedTuple):
 
     def marked(self, T, s, stats):
         """The ruler with its marks, and the distances (B, S) of simulated records of
-        statistics T (B, S) and gains s (B, d).
+        statistics T (B, S) and gains s (B, d), of each from all others: D. Belsley,
+        E. Kuh, R. Welsch, "Regression Diagnostics", 1980.
         """
         usable = np.isfinite(T).all(0) & np.isfinite(stats.value[0])
         if any(r.moved for r in self.fit.setting.acc.readings):
             usable &= ~stats.of_rounding    # what was added to rounded values hides it
         T = np.where(usable, T, 0.0)    # no two clusters may be without a gap
-        middle, d = s.mean(0), s.shape[1]
-        # singular gains are left out
-        inverse = np.linalg.pinv(np.cov(s.T).reshape(d, -1), rcond=1e-6) if d else (
-            np.zeros((0, 0)))
-        slope = inverse @ ((s - middle).T @ (T - T.mean(0))) / (len(T) - 1)
-        T = T - (s - middle) @ slope
-        least = stats.least + 1e-9 * np.abs(stats.value[0])
-        sd = np.maximum(T.std(0, ddof=1), np.where(usable, least, 1.0))
+        B, middle = len(T), s.mean(0)
+        apart = s - middle
+        cov = apart.T @ apart / (B - 1)
+        inverse = np.linalg.pinv(cov, rcond=1e-6)    # singular gains are left out
+        slope = inverse @ (apart.T @ (T - T.mean(0))) / (B - 1)
+        T = T - apart @ slope
+        mean, off = T.mean(0), T - T.mean(0)
+        square, free = (off**2).sum(0), max(B - 1.0 - np.trace(inverse @ cov), 2.0)
+        least = np.where(usable, stats.least + 1e-9 * np.abs(stats.value[0]), 1.0)
+        # each is off by less than a record that none of these were fitted to
+        share = 1.0 - 1.0 / B - np.einsum("bi, ij, bj -> b", apart, inverse, apart) / (
+            B - 1)
+        off /= np.sqrt(np.maximum(share, LEAST_SHARE))[:, None]
+        of_others = np.sqrt(np.maximum(square - off**2, 0.0) / (free - 1.0))
         return self._replace(
-            usable=usable, mean=T.mean(0), sd=sd, middle=middle, inverse=inverse,
-            slope=slope), np.clip((T - T.mean(0)) / sd, -1e3, 1e3)
+            usable=usable, mean=mean, sd=np.maximum(np.sqrt(square / free), least),
+            middle=middle, inverse=inverse, slope=slope), np.clip(
+                np.sqrt(1.0 + 1.0 / B) * off / np.maximum(of_others, least), -1e3, 1e3)
 
     def distances(self, T, s):
         """Distances (R, S) of other records; a refit moves nothing further than three
