@@ -53,20 +53,19 @@ class Drawn(NamedTuple):
 
 
 POSTERIOR_NODES = 24    # parameters that stand for a posterior
-TRIALS = 199    # simulated records behind every p-value
+TRIALS = 99     # simulated records behind a p-value
 MOVED = 48      # simulated records behind a move of indirect inference
 MOVES = 24      # moves for a record that readings hide, at most
 THERE = 0.2     # standard deviations, some 1 / sqrt(MOVED): a shorter move is none
 BOUND = 2.0     # of the first move
 LEAST_SHARE = 0.1    # of the variance of a residual: few records fit anything
-FEWER = (LONG_RECORD, 4), (10 * LONG_RECORD, 5)    # samples from which on so many times
-                                                   # fewer must do
+FEWER = (LONG_RECORD, 0.5), (10 * LONG_RECORD, 0.4)    # of these, for more samples
 
 
 def enough_trials(scene):
     """Simulated records for a record of this length."""
-    return TRIALS // max(1, *(
-        part if len(scene.y) > samples else 1 for samples, part in FEWER))
+    return int(TRIALS * min([1.0, *(
+        part for samples, part in FEWER if len(scene.y) > samples)]))
 
 
 class _Setting(NamedTuple):
