@@ -77,16 +77,16 @@ def _scored(scene, reference, latest, listed, table):
     for some in _together(parts, most):
         solved = side_by_side(lambda part: _for_scans(solve(
             reference.hypotheses[part[0]], scene, reference.signatures, part[1])), some)
-        # scans take longest: they begin
+        # scans take longest: they begin; two of one kind would take the most memory
         order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
         bayes = dict(side_by_side(
-            lambda job: (job, family_bayes(scene, listed[job[0]], *solved[job[1]],
+            lambda job: (job, family_bayes(scene, listed[job[1]], *solved[job[0]],
                                            table)),
-            list(itertools.product(order, range(len(some))))))
+            list(itertools.product(range(len(some)), order))))
         for at, (number, _) in enumerate(some):
             base = solved[at][0].base
             found[number].append(np.column_stack([base, *(
-                base + bayes[k, at] for k in range(len(listed)))]))
+                base + bayes[at, k] for k in range(len(listed)))]))
     return [_Scored(theta, np.vstack(ll), h, latest, past.log_evidence[0])
             for theta, ll, h, past in zip(nodes, found, reference.hypotheses,
                                           latest.samples)]
