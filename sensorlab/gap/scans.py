@@ -47,29 +47,29 @@ def _frequency_scan(scene, family, one):
     """
     N = len(scene.y)
     n = next_fast_len(PADDING * N, real=True)
-    first, split = (-(-cycles * n // N) for cycles in (MIN_CYCLES, EXACT_CYCLES))
-    frequency = np.fft.rfftfreq(n, scene.dt)[first:-PADDING]
-    slow, fast = slice(split - first), slice(split - first, None)
-    exact = frequency[slow]
-    if N > LONG_RECORD:
-        exact = np.union1d(np.arange(MIN_CYCLES + 1, EXACT_CYCLES) / scene.duration,
-                           exact[[0, -1]])
+    line, last = np.fft.rfft(one.residual, n), n // 2 + 1 - PADDING
+    first, split = (min(-(-cycles * n // N), last) for cycles in (
+        MIN_CYCLES, EXACT_CYCLES))
+
+    def found(gain, begin):
+        return Scan(gain.ravel(), 2, lambda number: (
+            (begin + number) / (n * scene.dt), unnamed(number)))
+    slow = np.arange(first, split) / (n * scene.dt)
+    exact = slow if N <= LONG_RECORD else np.union1d(
+        np.arange(MIN_CYCLES + 1, EXACT_CYCLES) / scene.duration, slow[[0, -1]])
     J = np.concatenate([information(scene, block.columns, one)
                         for block in blocks(scene, family, exact)], axis=1)
-    line = np.fft.rfft(one.residual, n)[:, first:-PADDING]
-    number = np.stack([line[:, slow].real, -line[:, slow].imag], axis=-1)
-    below = least_squares(frequency[slow], number, _interpolated(
-        frequency[slow], exact, J))
-    gain = line[:, fast].real**2
-    gain += line[:, fast].imag**2
-    del line
-    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency[fast] * scene.dt)
-    spectral, count = np.zeros_like(gain), np.sum(~np.isnan(scene.y))
-    for share, own in one.spectra:
-        _line_information(turn, share[0] * count, own.a, own.q, own.r, spectral)
-    gain /= spectral
-    yield Scan(np.append(below.gain, gain), 2, lambda number: (
-        frequency[number], unnamed(number)))
+    number = np.stack([line[:, first:split].real, -line[:, first:split].imag], axis=-1)
+    yield found(least_squares(slow, number, _interpolated(slow, exact, J)).gain, first)
+    count = np.sum(~np.isnan(scene.y))
+    for begin in range(split, last, BLOCK):
+        end = min(begin + BLOCK, last)
+        turn = 2.0 - 2.0 * np.cos(2.0 * np.pi / n * np.arange(begin, end))
+        spectral = np.zeros((1, len(turn)))
+        for share, own in one.spectra:
+            _line_information(turn, share[0] * count, own.a, own.q, own.r, spectral)
+        part = line[:, begin:end]
+        yield found((part.real**2 + part.imag**2) / spectral, begin)
 
 
 def _interpolated(x, at, value):
@@ -251,11 +251,12 @@ def refined(scene, family, one):
         psi, gain = found.psi, found.gain[0]
     near = np.flatnonzero(gain > gain.max() + 2.0 * np.log(1e-4))
     low, high = psi[max(near[0] - 1, 0)], psi[min(near[-1] + 1, len(psi) - 1)]
-    if effect.search == "frequency":
-        top = psi[gain.argmax()]
-        low, high = max(low, top - 1.0 / scene.duration), min(
-            high, top + 1.0 / scene.duration)
-        return family._replace(psi=tuple(np.linspace(low, high, 81)))
     (prior,) = effect.parameters(scene)
+    if effect.search == "frequency":
+        top, apart = psi[gain.argmax()], 1.0 / scene.duration
+        # the scan may have parts on either side
+        low = max(low if near[0] else prior.low, top - apart)
+        high = min(high if near[-1] + 1 < len(psi) else prior.high, top + apart)
+        return family._replace(psi=tuple(np.linspace(low, high, 81)))
     return family._replace(psi=tuple(prior._replace(
         low=low, high=high).quantile(np.linspace(0.0, 1.0, 40))))

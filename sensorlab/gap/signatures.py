@@ -159,6 +159,7 @@ def families(scene, effects, signatures=()):
 
 
 ROWS = 6    # columns at a time, at least: of fewer, each takes longer
+MOST_TOGETHER = 20 * BLOCK    # samples of these, if they are more than two
 
 
 class Block(NamedTuple):
@@ -181,7 +182,8 @@ def blocks(scene, family, psi=None):
                                             family.psi if psi is None else psi):
         N, k = columns.shape
         if block is None:
-            block = np.empty((max(BLOCK // N, ROWS) // k, k, N))
+            rows = max(BLOCK // N, min(ROWS, MOST_TOGETHER // N), 2)
+            block = np.empty((rows // k, k, N))
         block[len(values)] = columns.T
         values.append(value)
         variants.append(variant)
