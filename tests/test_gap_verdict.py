@@ -13,6 +13,7 @@ from sensorlab import Found
 from sensorlab.gap import causes, diagnosis, search
 from sensorlab.gap import verdict as verdict_module
 from sensorlab.gap.diagnosis import augmented, diagnose
+from sensorlab.gap.distance import TRIALS
 from sensorlab.gap.verdict import (
     common, split_families, unknown_probability, verdict_of)
 
@@ -118,8 +119,9 @@ def test_more_records_are_drawn_where_unknown_hangs_on_them(monkeypatch):
         return trials
     monkeypatch.setattr(diagnosis, "distance", gap_of)
     scene = sensorlab.Scene(np.zeros(100), 1.0, {})
-    for off, trials, expected in ((0.02, None, [None]), (0.045, None, [None, 448]),
-                                  (0.3, None, [None, 796]), (0.3, 60, [60])):
+    for off, trials, expected in (
+            (0.02, None, [None]), (0.045, None, [None, round(2.25 * TRIALS)]),
+            (0.3, None, [None, diagnosis.MOST_TIMES * TRIALS]), (0.3, 60, [60])):
         drawn.clear()
         monkeypatch.setattr(diagnosis, "unknown_error", lambda gap, off=off: off)
         assert diagnosis._surely(scene, None, trials, 0) == expected[-1]
@@ -161,3 +163,13 @@ def test_the_model_has_what_the_verdict_names():
     assert d.causes[0].effect == "second_order_drift"
     assert [one.name for one in d.found] == ["temperature"]
     assert [one.name for one in augmented(d).effects[0]] == ["temperature"]
+
+
+def test_of_two_that_explain_as_much_the_simpler_is_twice_as_probable():
+    acc = types.SimpleNamespace(signatures=(), readings=(), best=0, bases=[
+        types.SimpleNamespace(effects=())], member=types.SimpleNamespace(effects=()))
+    rivals = [types.SimpleNamespace(effect=EFFECTS[name], log_bayes=4.0) for name in (
+        "temperature", "thermal_lag", "sinusoid")]
+    _, alone, share = causes._probabilities(acc, rivals)
+    assert_allclose(share / share[1], [2.0, 1.0, 2.0])
+    assert_allclose(share.sum() / alone, np.exp(4.0))    # as if all were the same

@@ -499,7 +499,7 @@ CATALOGUE = {effect.name: effect for effect in (
                     "exp(-3 s), s = (t - onset) / duration; both in s, size in u",
            resembles="random telegraph, two bias steps, outliers",
            experiment="look for what happened then: a shock, another load"),
-    Effect("gradual_step", columns=_settling, search="pulse",
+    Effect("gradual_step", columns=_settling, search="pulse", becomes="bias_step",
            parameters=lambda s: (_onset(s), _log("duration", MIN_SLOW * s.dt,
                                                  0.5 * s.duration)),
            equation="y + size (1 - exp(-3 s)), s = (t - onset) / duration > 0; both in "
@@ -547,6 +547,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="random walk, thermal lag",
            experiment="cycle the temperature twice at different speed"),
     Effect("thermal_lag", columns=_lagged, size="coefficient", column="temperature",
+           becomes="temperature",
            parameters=lambda s: (_log("tau", s.duration / 100, s.duration / 4),),
            equation="y + coefficient (X - mean of X), tau dX/dt = x - X; tau in s, "
                     "coefficient in u per unit of x",

@@ -96,6 +96,9 @@ LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters,
 SEEN = 0.5          # of ln B beside what stands in for jumps, that jumps must leave
 PRIOR_NONE = 0.5    # that nothing is missing
 PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
+LESS_SIMPLE = 0.5   # times as probable an effect is that has a simpler one within it: a
+                    # step need not be gradual (H. Jeffreys, "Theory of Probability",
+                    # 1961)
 
 
 def further_causes(scene, acc, effects, processes=True):
@@ -312,12 +315,15 @@ def _values(own, acc):
 
 
 def _probabilities(acc, rivals):
-    """Prior log odds of a rival; probability of none, and of every rival."""
+    """Prior log odds of a rival on average; probability of none, of every rival."""
     first = not (acc.signatures or acc.readings or len(acc.member.effects) > len(
         acc.bases[acc.best].effects))
     alone = PRIOR_NONE if first else PRIOR_LAST
     prior = np.log((1.0 - alone) / alone / max(len(rivals), 1))
-    share = probabilities([0.0, *(prior + rival.log_bayes for rival in rivals)])
+    weight = np.array([LESS_SIMPLE if r.effect.becomes else 1.0 for r in rivals])
+    share = probabilities([0.0, *(
+        prior + np.log(own / weight.mean()) + rival.log_bayes
+        for own, rival in zip(weight, rivals))])
     return prior, share[0], share[1:]
 
 

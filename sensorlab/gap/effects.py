@@ -112,6 +112,8 @@ class Effect(NamedTuple):
                                 # (its variants are among `onsets.SHAPES`), else by a
                                 # list; a model that shows in the spectrum of the
                                 # residuals: "spectrum", or "band" by its frequency
+    becomes: str = ""           # the simpler effect that it is at an end of its
+                                # parameters
     size: str = "size"          # what the factor of the columns is called
     column: str = ""            # what must be recorded beside the error; "*" is what no
                                 # other effect names, "any" is anything
