@@ -207,7 +207,7 @@ def _described(full, done, before, measured):
 
 
 MOST_ERROR = 0.03    # of a probability, by chance of the simulated records
-MOST_TIMES = 6       # as many of them as usual
+MOST_TIMES = 4       # as many of them as usual
 
 
 def _surely(scene, acc, trials, seed, before=None, near=None):
