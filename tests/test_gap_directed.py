@@ -36,6 +36,18 @@ def test_nodes_of_two_posteriors_give_the_evidence(level):    # moves the poster
     assert_allclose(sample.log_evidence[near], whole.log_evidence[near], atol=0.4)
 
 
+def test_few_nodes_at_a_time_give_the_same_evidence(monkeypatch):
+    scene = scene_of(generator.record(7, 1, ["sinusoid"], level=2))
+    h = member(scene, MODEL[1])
+    listed = signatures.families(scene, [CATALOGUE[name] for name in (
+        "rate_ramp", "bias_step", "pulse", "sinusoid", "ringing")])
+    reference = account(scene, [h])
+    (whole,) = directed.directed(scene, reference, listed)
+    monkeypatch.setattr(directed, "NODE_BLOCK", 3 * len(scene.y))
+    (parts,) = directed.directed(scene, reference, listed)
+    assert_allclose(parts.log_evidence, whole.log_evidence, atol=0.2)
+
+
 def ln_bayes(scene, h, name):
     """By the filters, and by the screen."""
     base = account(scene, [h])

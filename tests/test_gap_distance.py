@@ -242,7 +242,7 @@ def test_the_number_of_threads_changes_no_bit():
             gap = distance.distance(scene, fit, 9)
             told.append(np.concatenate([gap.null.ravel(), gap.z, *(
                 scans.family_bayes(scene, family, solved, solved.node(0),
-                                   signatures.bayes_table())
+                                   signatures.bayes_table())[0]
                 for family in listed)]))
     finally:
         numba.set_num_threads(before)

@@ -73,20 +73,21 @@ def _scored(scene, reference, latest, listed, table):
     most = max(NODE_BLOCK // len(scene.y), 1)
     parts = [(number, theta[begin:begin + most]) for number, theta in enumerate(nodes)
              for begin in range(0, len(theta), most)]
-    found = [[] for _ in nodes]
+    found, likely = [[] for _ in nodes], {}    # of a long record every node is a part
     for some in _together(parts, most):
         solved = side_by_side(lambda part: _for_scans(solve(
             reference.hypotheses[part[0]], scene, reference.signatures, part[1])), some)
         # scans take longest: they begin; two of one kind would take the most memory
         order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
-        bayes = dict(side_by_side(
-            lambda job: (job, family_bayes(scene, listed[job[1]], *solved[job[0]],
-                                           table)),
-            list(itertools.product(range(len(some)), order))))
+        jobs = list(itertools.product(range(len(some)), order))
+        bayes = dict(zip(jobs, side_by_side(
+            lambda job: family_bayes(scene, listed[job[1]], *solved[job[0]], table,
+                                     likely.get((some[job[0]][0], job[1]))), jobs)))
         for at, (number, _) in enumerate(some):
             base = solved[at][0].base
             found[number].append(np.column_stack([base, *(
-                base + bayes[at, k] for k in range(len(listed)))]))
+                base + bayes[at, k][0] for k in range(len(listed)))]))
+            likely.update({(number, k): bayes[at, k][1] for k in order})
     return [_Scored(theta, np.vstack(ll), h, latest, past.log_evidence[0])
             for theta, ll, h, past in zip(nodes, found, reference.hypotheses,
                                           latest.samples)]

@@ -5,11 +5,14 @@ A scan of a long record has millions of gains: it is of one node alone, and come
 parts where there is no room for all at a time.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import next_fast_len
 
+from sensorid import brief
 from sensorlab.gap.catalogue import MIN_CYCLES, MIN_RINGING
 from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene
 from sensorlab.gap.kernels import KERNEL, spectrum
@@ -179,36 +182,62 @@ LIKELY = 16    # signatures whose gains are exact at every node; twice as many i
                # are between those of a grid
 
 
-def family_bayes(scene, family, solved, one, table):
-    """ln of the mean Bayes factor over all signatures of a family, (M,).
+class Likely(NamedTuple):
+    """Signatures of a family that matter, as a scan tells."""
 
-    Where there are thousands, a scan at `one` node, the likeliest, tells which matter.
-    At the others these alone are computed: the sum over all is scaled by the same
-    ratio.
+    psi: np.ndarray          # (m,) or (m, d)
+    variant: np.ndarray      # (m,)
+    log_share: np.ndarray    # (m,) as in `Scan`
+    k: int                   # columns
+    rest: float              # ln of the mean Bayes factor over the sum of theirs
+
+    __repr__ = brief
+
+
+def family_bayes(scene, family, solved, one, table, likely=None):
+    """ln of the mean Bayes factor over all signatures of a family, (M,), and the
+    `Likely` ones.
+
+    Where there are thousands, a scan at `one` of the nodes, the likeliest, tells which
+    matter; or one of other nodes of the hypothesis did. At all nodes these alone are
+    computed: the sum over all is scaled by the same ratio.
     """
     if family.psi is not None:
         found = scores_at(scene, family, solved)
-        return mean_bayes(found.gain, table[found.k])
-    best = int(solved.base.argmax())
-    found, rest, count = [], [], 0
+        return mean_bayes(found.gain, table[found.k]), None
+    beyond, count = [], 0
+    if not likely:
+        likely, beyond, count = _scanned(scene, family, one, table)
+    exact = np.empty((len(solved.base), len(likely.psi)))
+    for name in np.unique(likely.variant):
+        own = likely.variant == name
+        exact[:, own] = scores_at(
+            scene, family._replace(variant=str(name)), solved,
+            likely.psi[own].tolist()).gain
+    worth = _log_sum(np.maximum(exact + 2.0 * likely.log_share, 0.0), table[likely.k])
+    if count:
+        there = worth[int(solved.base.argmax())]
+        likely = likely._replace(rest=np.logaddexp.reduce(
+            [there, *beyond]) - np.log(count) - there)
+    return worth + likely.rest, likely
+
+
+def _scanned(scene, family, one, table):
+    """`Likely` signatures, their rest not known yet; ln of the sums of the Bayes factors
+    of all others, and how many there are in all.
+    """
+    found, beyond, count = [], [], 0
     for part in SCANS[family.effect.search](scene, family, one):
         likely, share = _largest(part.gain, 2 * LIKELY), np.broadcast_to(
             part.log_share, part.gain.shape)
         found.append((part.gain[likely], share[likely], *part.of(likely)))
-        rest.append(_log_sum(np.delete(part.gain, likely)[None], table[part.k]))
+        beyond.append(_log_sum(np.delete(part.gain, likely)[None], table[part.k]))
         count += len(part.gain)
     gain, share, psi, variant = map(np.concatenate, zip(*found))
     likely = _largest(gain, 2 * LIKELY if share.any() else LIKELY)
-    rest.append(_log_sum(np.delete(gain, likely)[None], table[part.k]))
-    exact, psi, variant = np.empty((len(solved.base), len(likely))), psi[likely], (
-        variant[likely])
-    for name in np.unique(variant):
-        exact[:, variant == name] = scores_at(
-            scene, family._replace(variant=str(name)), solved,
-            psi[variant == name].tolist()).gain
-    worth = _log_sum(np.maximum(exact + 2.0 * share[likely], 0.0), table[part.k])
-    return np.logaddexp.reduce([worth[best], *np.concatenate(rest)]) - np.log(count) + (
-        worth - worth[best])
+    beyond.append(_log_sum(np.delete(gain, likely)[None], table[part.k]))
+    return Likely(psi[likely], variant[likely], share[likely], part.k, np.nan), (
+        np.concatenate(beyond)), count
 
 
 def _largest(gain, count):
