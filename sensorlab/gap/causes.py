@@ -96,9 +96,9 @@ LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters,
 SEEN = 0.5          # of ln B beside what stands in for jumps, that jumps must leave
 PRIOR_NONE = 0.5    # that nothing is missing
 PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
-LESS_SIMPLE = 0.5   # times as probable an effect is that has a simpler one within it: a
-                    # step need not be gradual (H. Jeffreys, "Theory of Probability",
-                    # 1961)
+SIMPLER = 1.0 / 3.0    # of the prior of an effect that has a simpler one within it, that
+                       # goes to this: a step need not be gradual (H. Jeffreys, "Theory
+                       # of Probability", 1961)
 
 
 def further_causes(scene, acc, effects, processes=True):
@@ -320,10 +320,13 @@ def _probabilities(acc, rivals):
         acc.bases[acc.best].effects))
     alone = PRIOR_NONE if first else PRIOR_LAST
     prior = np.log((1.0 - alone) / alone / max(len(rivals), 1))
-    weight = np.array([LESS_SIMPLE if r.effect.becomes else 1.0 for r in rivals])
-    share = probabilities([0.0, *(
-        prior + np.log(own / weight.mean()) + rival.log_bayes
-        for own, rival in zip(weight, rivals))])
+    weight, number = np.ones(len(rivals)), {
+        rival.effect.name: k for k, rival in enumerate(rivals)}
+    for k, rival in enumerate(rivals):
+        if rival.effect.becomes in number:
+            weight[[k, number[rival.effect.becomes]]] += -SIMPLER, SIMPLER
+    share = probabilities([0.0, *(prior + np.log(own) + rival.log_bayes
+                                  for own, rival in zip(weight, rivals))])
     return prior, share[0], share[1:]
 
 
