@@ -96,9 +96,9 @@ LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters,
 SEEN = 0.5          # of ln B beside what stands in for jumps, that jumps must leave
 PRIOR_NONE = 0.5    # that nothing is missing
 PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
-SIMPLER = 1.0 / 3.0    # of the prior of an effect that has a simpler one within it, that
-                       # goes to this: a step need not be gradual (H. Jeffreys, "Theory
-                       # of Probability", 1961)
+SIMPLER = 1.0 / 3.0    # of the prior of an effect that has a simpler one within it,
+                       # that goes to this: a step need not be gradual (H. Jeffreys,
+                       # "Theory of Probability", 1961)
 
 
 def further_causes(scene, acc, effects, processes=True):
