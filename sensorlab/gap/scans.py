@@ -223,8 +223,8 @@ def family_bayes(scene, family, solved, one, table, likely=None):
 
 
 def _scanned(scene, family, one, table):
-    """`Likely` signatures, their rest not known yet; ln of the sums of the Bayes factors
-    of all others, and how many there are in all.
+    """`Likely` signatures, their rest not known yet; ln of sums of the Bayes factors of
+    all others, and how many there are in all.
     """
     found, beyond, count = [], [], 0
     for part in SCANS[family.effect.search](scene, family, one):
