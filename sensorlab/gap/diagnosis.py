@@ -75,7 +75,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     effects : sequence of Effect, optional
         By default all of the catalogue.
     trials : int, optional
-        Simulated records behind every p-value, by default TRIALS.
+        Simulated records behind every p-value; by default TRIALS, fewer for a long
+        record, more where a probability hangs on them.
     seed : int
     progress : function of (done, all, what), optional
         Hears how many parts of the work are done, of how many as far as is known, and

@@ -73,12 +73,12 @@ def _scored(scene, reference, latest, listed, table):
     most = max(NODE_BLOCK // len(scene.y), 1)
     parts = [(number, theta[begin:begin + most]) for number, theta in enumerate(nodes)
              for begin in range(0, len(theta), most)]
+    # scans take longest: they begin; two of one kind would take the most memory
+    order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
     found, likely = [[] for _ in nodes], {}    # of a long record every node is a part
     for some in _together(parts, most):
         solved = side_by_side(lambda part: _for_scans(solve(
             reference.hypotheses[part[0]], scene, reference.signatures, part[1])), some)
-        # scans take longest: they begin; two of one kind would take the most memory
-        order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
         jobs = list(itertools.product(range(len(some)), order))
         bayes = dict(zip(jobs, side_by_side(
             lambda job: family_bayes(scene, listed[job[1]], *solved[job[0]], table,
