@@ -800,7 +800,9 @@ LANES = 32     # trials that march abreast
 GROUP = 32     # nodes that march abreast
 PART = 16      # of n states, so many times one to four do
 TILE = 128     # samples; a TILE x LANES tile of data (32 KiB) stays in the L1 cache
-STRETCH = 32   # samples of which the gains of n-state filters stay there
+STRETCH = 32   # samples after which gains of n-state filters may have settled
+SETTLING = 256    # samples of which these gains are found at a time
+UNROLLED = 7   # states of a filter whose loops LLVM unrolls, at most
 DUST = 1e-100  # states so small are 0: arithmetic with numbers below 1e-308, to which
                # they decay where a record is 0 for long, takes 40 times as long
 
@@ -1091,19 +1093,28 @@ def _predict_abreast(at, entries, apart, Phi, Q, P, prior):
                 P[s, row, g] += prior[s, column, g] * Phi[i, row, column, g]
 
 
-@njit(**JIT)
-def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weight,
-                   log_det):
-    """Eqs. (5), (6), (8) of a stretch from sample `first` on, for M nodes abreast: gain
-    (., n, M) and 1 / f (., M) of every sample, 0 where it is missing; P becomes the
-    last filtered covariance; log_det (M,) grows by that of the stretch.
+@njit(nogil=True, **JIT)
+def _gains_abreast(observed, first, last_gap, entries, apart, Phi, Q, H, r, P, gain,
+                   weight, log_det):
+    """Eqs. (5), (6), (8) from sample `first` on, for M nodes abreast, until all gains
+    stay what they are, `steady`: gain (., n, M) and 1 / f (., M) of `count` samples, 0
+    where one is missing; P becomes the last filtered covariance; log_det (M,) grows.
+
+    Arrays are copied by loops: the message of a failed assignment takes longer to
+    compile than the rest.
     """
     n, M = P.shape[1:]
-    prior, Ph = np.empty((n, n, M)), np.empty((n, M))
+    timeless = len(Phi) == len(Q) == len(H) == len(r) == 1
+    prior, Ph, past = np.empty((n, n, M)), np.empty((n, M)), np.empty((n, n, M))
     f, product = np.empty(M), np.ones(M)
     for i in range(len(observed)):
         o, at = observed[i], first + i
         own, noise = min(at, len(H) - 1), min(at, len(r) - 1)
+        if i % STRETCH == 0:
+            for row in range(n):
+                for s in range(row + 1):
+                    for g in range(len(f)):
+                        past[row, s, g] = P[row, s, g]
         _predict_abreast(at, entries, apart, Phi, Q, P, prior)
         for g in range(len(f)):
             f[g] = r[noise, g]
@@ -1129,6 +1140,10 @@ def _gains_abreast(observed, first, entries, apart, Phi, Q, H, r, P, gain, weigh
             for g in range(len(f)):
                 log_det[g] += np.log(product[g])
                 product[g] = 1.0
+        if (timeless and i % STRETCH == STRETCH - 1 and i - STRETCH >= last_gap
+                and _is_steady(past, P, gain[i], weight[i])):
+            return i + 1, True
+    return len(observed), False
 
 
 @njit(**JIT)
@@ -1145,130 +1160,215 @@ def _is_steady(past, P, gain, weight):
     return True
 
 
-@njit(**JIT)
-def _innovations_abreast(y, first, entries, apart, Phi, H, gain, x, nu):
-    """Eqs. (4), (7) of a stretch from sample `first` on, for M nodes abreast of n
-    states x (n, M): innovations nu (., M). A single gain serves all samples.
+@njit(nogil=True, **JIT)
+def _move_group(y, begin, end, first, pairs, entries, Phi, H, gain, weight, x, sums,
+                products):
+    """Eqs. (4), (7) and the sums of a group from sample `begin` to `end`, with gains
+    (., n, M) and 1 / f (., M) of these samples, or the only ones: any Phi.
     """
-    n = len(x)
-    new = np.empty(x.shape)
-    for i in range(len(y)):
+    columns, n, M = x.shape
+    new, nu = np.empty((n, M)), np.empty((columns, M))
+    for i in range(begin, end):
         at, own = min(first + i, len(Phi) - 1), min(first + i, len(H) - 1)
-        k = min(i, len(gain) - 1)
-        for g in range(x.shape[1]):
-            nu[i, g] = y[i]
-        if apart:
+        k = min(i - begin, len(gain) - 1)
+        for record in range(columns - 1, -1, -1):    # the ones first: they give mu
+            for g in range(M):
+                nu[record, g] = y[record, i]
+            new[:] = 0.0
+            for entry in range(len(entries)):
+                row, column = entries[entry, 0], entries[entry, 1]
+                for g in range(M):
+                    new[row, g] += Phi[at, row, column, g] * x[record, column, g]
             for s in range(n):
-                for g in range(x.shape[1]):
-                    x[s, g] *= Phi[at, s, s, g]
-                    nu[i, g] -= H[own, s, g] * x[s, g]
+                for g in range(M):
+                    nu[record, g] -= H[own, s, g] * new[s, g]
             for s in range(n):
-                for g in range(x.shape[1]):
-                    x[s, g] += gain[k, s, g] * nu[i, g]
-            continue
-        new[:] = 0.0
-        for entry in range(len(entries)):
-            row, column = entries[entry, 0], entries[entry, 1]
-            for g in range(x.shape[1]):
-                new[row, g] += Phi[at, row, column, g] * x[column, g]
-        for s in range(n):
-            for g in range(x.shape[1]):
-                nu[i, g] -= H[own, s, g] * new[s, g]
-        for s in range(n):
-            for g in range(x.shape[1]):
-                x[s, g] = new[s, g] + gain[k, s, g] * nu[i, g]
-    for s in range(n):
-        for g in range(x.shape[1]):
-            if abs(x[s, g]) < DUST:
-                x[s, g] = 0.0
+                for g in range(M):
+                    moved = new[s, g] + gain[k, s, g] * nu[record, g]
+                    x[record, s, g] = moved if abs(moved) > DUST else 0.0
+            for g in range(M):
+                sums[record, 0, g] += weight[k, g] * nu[record, g]**2
+            for g in range(M if record < columns - 1 else 0):
+                sums[record, 1, g] += weight[k, g] * nu[record, g] * nu[columns - 1, g]
+        for p in range(len(pairs)):
+            for g in range(M):
+                products[p, g] += weight[k, g] * nu[pairs[p, 0], g] * nu[pairs[p, 1], g]
+
+
+@njit(**JIT)
+def _samples_unrolled(values, states, abreast, chain, node, c, x, sums, nu, row):
+    """`_move_group` for PART nodes and a few samples of record c, as many as the tuple
+    `abreast` is long, of as many states as another: LLVM unrolls loops of known length,
+    if they are short, and makes vectors of the loop around them.
+
+    node has rows of PART: the diagonal of Phi, H, what is before and behind the
+    diagonal (it counts in a `chain`), gains of every sample, their 1 / f and mu / f.
+    """
+    n, count = len(states), len(abreast)
+    weight = (4 + count) * n
+    for g in range(PART):
+        chi2, score = sums[c, g], sums[c, PART + g]
+        for j in range(count):
+            own, before = values[j], 0.0
+            for s in range(n):
+                old = x[c, s * PART + g]
+                new = node[s * PART + g] * old
+                if chain is not None:
+                    if s > 0:
+                        new += node[(2 * n + s) * PART + g] * before
+                    if s < n - 1:
+                        new += node[(3 * n + s) * PART + g] * x[c, (s + 1) * PART + g]
+                    before = old
+                x[c, s * PART + g] = new
+                own -= node[(n + s) * PART + g] * new
+            for s in range(n):
+                x[c, s * PART + g] += node[((4 + j) * n + s) * PART + g] * own
+            nu[row, j * PART + g] = own
+            chi2 += node[(weight + j) * PART + g] * own * own
+            score += node[(weight + count + j) * PART + g] * own
+        sums[c, g], sums[c, PART + g] = chi2, score
+
+
+@njit(nogil=True, **JIT)
+def _move_unrolled(y, begin, end, pairs, states, abreast, chain, nodes, gain, weight, x,
+                   sums, products):
+    """`_move_group` by `_samples_unrolled`: nodes, x, sums, products (parts, ., rows of
+    PART). Once mu does not change, it is a constant of the node, too.
+    """
+    n, count, columns, steady = len(states), len(abreast), x.shape[1], len(gain) == 1
+    nu, past = np.empty((columns if len(pairs) else 1, count * PART)), np.empty(PART)
+    gains, weights, mu = 4 * n, (4 + count) * n, (4 + count) * n + count
+    for part in range(len(nodes)):
+        node, first, flat = nodes[part], part * PART, False
+        past[:] = np.inf
+        for i in range(begin, end, count):
+            for j in range(0 if steady and i > begin else count):
+                k = 0 if steady else i - begin + j
+                for g in range(PART):
+                    node[(weights + j) * PART + g] = weight[k, first + g]
+                    for s in range(n):
+                        node[(gains + j * n + s) * PART + g] = gain[k, s, first + g]
+            for c in range(columns - 1, -1, -1):    # the ones first: they give mu
+                row, ones = c if len(pairs) else 0, c == columns - 1
+                if ones and flat:
+                    continue
+                if ones:
+                    node[mu * PART:] = 0.0
+                _samples_unrolled(
+                    (y[c, i], y[c, i + 1], y[c, min(i + 2, end - 1)],
+                     y[c, min(i + 3, end - 1)]), states, abreast, chain, node, c,
+                    x[part], sums[part], nu, row)
+                for g in range(count * PART if ones else 0):
+                    node[mu * PART + g] = node[weights * PART + g] * nu[row, g]
+            for p in range(len(pairs)):
+                one, other = pairs[p]
+                for j in range(count):
+                    for g in range(PART):
+                        products[part, p, g] += (
+                            node[(weights + j) * PART + g] * nu[one, j * PART + g]
+                            * nu[other, j * PART + g])
+            if (i - begin) % STRETCH:
+                continue
+            for c in range(columns):
+                _drop_dust(x[part, c], n * PART)
+            if not steady or flat:
+                continue
+            drift = 0.0
+            for g in range(PART):
+                now = node[mu * PART + g] / node[weights * PART + g]
+                drift = max(drift, abs(now - past[g]))
+                past[g] = now
+            flat = drift < 1e-15
+            for g in range(PART if flat else 0):
+                sums[part, columns - 1, g] += (
+                    (end - i - count) * past[g] * node[mu * PART + g])
 
 
 def _advance_abreast(y, observed, last_gap, first, pairs, entries, *groups):
-    """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), n <= 6,
-    nodes abreast.
+    """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), nodes
+    abreast.
 
     y (C + 1, n_samples) whose last row is ones; entries (K, 2) rows and columns of Phi
     that are not zero. Of every group: Phi, Q (1 or N, n, n, M), H (1 or N, n, M), r
     (1 or N, M); filtered state x (C + 1, n, M) and covariance P (n, n, M); sums
     (C + 1, 2, M) of nu^2/f and nu mu/f, the last row information and log_det; products
     (P, M) of nu nu/f of pairs (P, 2) of records.
-
-    A parallel loop of Numba would compile `_advance_group`, the longest of all, twice.
     """
     side_by_side(lambda group: _advance_group(
         y, observed, last_gap, first, pairs, entries, *group), list(zip(*groups)))
 
 
-@njit(nogil=True, **JIT)
 def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x, P,
                    sums, products):
-    """One group of `_advance_abreast`. Once P no longer changes, gain and f are
-    constants of the node; once mu does not, either.
-
-    Arrays are copied by loops: the message of a failed assignment takes longer to
-    compile than the rest.
+    """One group of `_advance_abreast`: unrolled where Phi is timeless and mixes none
+    but neighbours, but for the last samples where these are no whole handful.
     """
-    columns, samples = y.shape
-    n, M = x.shape[1:]
-    beside = 0
-    for k in range(len(entries)):
-        beside += entries[k, 0] != entries[k, 1]
-    apart, timeless = beside == 0, len(Phi) == len(Q) == len(H) == len(r) == 1
-    gain, weight = np.empty((STRETCH, n, M)), np.empty((STRETCH, M))
-    every, mu = (np.empty((columns if len(pairs) else 1, STRETCH, M)),
-                 np.empty((STRETCH, M)))
-    past, log_det = np.empty((n, n, M)), sums[columns - 1, 1]
-    steady, flat = False, False
-    for begin in range(0, samples, STRETCH):
-        end = min(begin + STRETCH, samples)
-        if not steady:
-            for row in range(n):
-                for s in range(n):
-                    for g in range(M):
-                        past[row, s, g] = P[row, s, g]
-            _gains_abreast(observed[begin:end], first + begin, entries, apart, Phi, Q,
-                           H, r, P, gain, weight, log_det)
-        for record in range(columns - 1, -1, -1):    # the ones first: they give mu
-            ones = record == columns - 1
-            if ones and flat:
-                continue
-            nu = every[record if len(pairs) else 0]
-            _innovations_abreast(
-                y[record, begin:end], first + begin, entries, apart, Phi, H,
-                gain[:1] if steady else gain, x[record], nu)
-            for i in range(end - begin):
-                w = 0 if steady else i
-                for g in range(M):
-                    sums[record, 0, g] += weight[w, g] * nu[i, g] * nu[i, g]
-                    if ones:
-                        mu[i, g] = nu[i, g]
-                    else:
-                        sums[record, 1, g] += weight[w, g] * nu[i, g] * mu[i, g]
-        for k in range(len(pairs)):
-            one, other, product = every[pairs[k, 0]], every[pairs[k, 1]], products[k]
-            for i in range(end - begin):
-                w = 0 if steady else i
-                for g in range(M):
-                    product[g] += weight[w, g] * one[i, g] * other[i, g]
-        if not timeless or begin <= last_gap or end - begin < STRETCH:
-            continue
-        if not steady and _is_steady(past, P, gain[STRETCH - 1], weight[STRETCH - 1]):
-            steady = True
-            for g in range(M):
-                weight[0, g] = weight[STRETCH - 1, g]
-                log_det[g] -= (samples - end) * np.log(weight[0, g])
-                for s in range(n):
-                    gain[0, s, g] = gain[STRETCH - 1, s, g]
-        elif steady and not flat:
-            drift = 0.0
-            for g in range(M):
-                drift = max(drift, abs(mu[0, g] - mu[STRETCH - 1, g]))
-            flat = drift < 1e-15
-            for g in range(M if flat else 0):
-                last = mu[STRETCH - 1, g]
-                sums[columns - 1, 0, g] += (samples - end) * weight[0, g] * last**2
-                for i in range(STRETCH):
-                    mu[i, g] = last
+    n, samples = x.shape[1], y.shape[1]
+    away = np.abs(entries[:, 0] - entries[:, 1]).max(initial=0)
+    unrolled = len(Phi) == len(H) == 1 and away <= 1 and n <= UNROLLED
+    states, abreast = (0,) * n, (0,) * (4 if n <= 4 else 2)
+    wholes, log_det = (x, sums, products[:, None]), sums[-1, 1].copy()
+    if unrolled:
+        nodes = _in_rows(Phi[0], H[0], len(abreast))
+        parts = [_in_parts(whole) for whole in wholes]
+    for begin, end, *gains in _gains_of_group(
+            observed, last_gap, first, entries, away == 0, Phi, Q, H, r, P, log_det):
+        stop = begin
+        if unrolled:
+            stop = end - (end - begin) % len(abreast)
+            _move_unrolled(y, begin, stop, pairs, states, abreast, () if away else None,
+                           nodes, *gains, *parts)
+        if unrolled and end == samples:
+            for whole, part in zip(wholes, parts):
+                _join_parts(part, whole)
+        if stop < end:
+            _move_group(y, stop, end, first, pairs, entries, Phi, H, *(
+                part[min(stop - begin, len(part) - 1):] for part in gains), x, sums,
+                products)
+    sums[-1, 1] = log_det
+
+
+def _gains_of_group(observed, last_gap, first, *bank):
+    """(begin, end, gain, weight) of one stretch of samples after the other; `bank` is
+    what `_gains_abreast` takes. Once P no longer changes, one gain is for all the rest.
+    """
+    *bank, P, log_det = bank
+    gain, weight = np.empty((SETTLING, *P.shape[1:])), np.empty((SETTLING, P.shape[2]))
+    begin, steady, samples = 0, False, len(observed)
+    while begin < samples and not steady:
+        count, steady = _gains_abreast(
+            observed[begin:begin + SETTLING], first + begin, last_gap - begin, *bank, P,
+            gain, weight, log_det)
+        yield begin, begin + count, gain[:count], weight[:count]
+        begin += count
+    if begin < samples:
+        log_det -= (samples - begin) * np.log(weight[count - 1])
+        yield begin, samples, gain[count - 1:count], weight[count - 1:count]
+
+
+def _in_rows(Phi, H, count):
+    """Phi (n, n, M), H (n, M) as `_samples_unrolled` takes them, with room for the
+    gains of `count` samples: (parts, rows * PART).
+    """
+    n, M = H.shape
+    node = np.zeros(((4 + count) * n + 2 * count, M))
+    node[:n], node[n:2 * n] = np.moveaxis(np.diagonal(Phi), -1, 0), H
+    node[2 * n + 1:3 * n] = np.moveaxis(np.diagonal(Phi, -1), -1, 0)
+    node[3 * n:4 * n - 1] = np.moveaxis(np.diagonal(Phi, 1), -1, 0)
+    return _in_parts(node[None])[:, 0]
+
+
+def _in_parts(whole):
+    """(A, B, M) of a group as (M / PART, A, B * PART), a copy."""
+    A, B, M = whole.shape
+    return np.moveaxis(whole.reshape(A, B, M // PART, PART), 2, 0).reshape(
+        M // PART, A, B * PART).copy()
+
+
+def _join_parts(parts, whole):
+    """`whole` (A, B, M) gets what its parts have: `_in_parts` undone."""
+    A, B, M = whole.shape
+    whole[:] = np.moveaxis(parts.reshape(M // PART, A, B, PART), 0, 2).reshape(A, B, M)
 
 
 class Bank(NamedTuple):

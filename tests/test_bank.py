@@ -224,6 +224,36 @@ def test_processes_abreast_equal_the_general_filter():
             assert_allclose(part, other, rtol=1e-10)
 
 
+@pytest.mark.parametrize("mixed", [False, True])
+@pytest.mark.parametrize("n", [2, 3, 5, 6])
+def test_unrolled_loops_do_what_a_dense_covariance_does(monkeypatch, n, mixed):
+    rng = np.random.default_rng(n)
+    Phi = np.diag(rng.uniform(0.3, 0.95, n))
+    for k in range(0, n - 1 if mixed else 0, 2):    # pairs of states that turn
+        Phi[k:k + 2, k:k + 2] = 0.9 * np.array([[0.8, 0.6], [-0.6, 0.8]])
+    G, H, P0 = np.diag(rng.uniform(0.1, 0.5, n)), rng.uniform(0.5, 1.0, n), np.diag(
+        rng.uniform(0.5, 2.0, n))
+    h = s.hypothesis(lambda dt: s.shaping_filter(Phi, G, H, 0.7, P0=P0), name="sum")
+    y, pairs, N = rng.standard_normal((3, 1203)), [(0, 1), (2, 0)], 131
+    y[:, 50:55] = np.nan
+    b = s.bank(h, 1.0, np.empty((20, 0)))
+    (few,) = s.filter_bank(b, y[:, :N], [N], pairs)
+    seen = ~np.isnan(y[0, :N])
+    C = naive.covariance(Phi, G, H[None], np.array([[0.7]]), P0, N)[np.ix_(seen, seen)]
+    expected = y[:, :N][:, seen] @ np.linalg.solve(C, y[:, :N][:, seen].T)
+    assert_allclose(few.chi2, np.repeat(expected.diagonal()[:, None], 20, 1), rtol=1e-9)
+    assert_allclose(few.products[:, 7], [expected[one] for one in pairs], rtol=1e-9)
+    assert_allclose(few.log_det[19], np.linalg.slogdet(C)[1], rtol=1e-9)
+    ones = np.linalg.solve(C, np.ones(len(C)))
+    assert_allclose(few.information, ones.sum(), rtol=1e-9)
+    assert_allclose(few.score[:, 0], y[:, :N][:, seen] @ ones, rtol=1e-9)
+    many = list(s.filter_bank(b, y, [701, 1203], pairs))
+    monkeypatch.setattr(s, "UNROLLED", 0)
+    for one, other in zip(many, s.filter_bank(b, y, [701, 1203], pairs)):
+        for part, its in zip(one, other):
+            assert_allclose(part, its, rtol=1e-10)
+
+
 @pytest.mark.parametrize("name", ["white_noise", "random_walk", "markov",
                                   "random_walk_markov", "two_markov"])
 def test_a_bank_of_all_nodes_at_once_equals_its_filters(name):
