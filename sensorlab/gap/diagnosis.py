@@ -14,7 +14,7 @@ from sensorlab.gap.account import Account, account, as_simulated, fixed
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
-from sensorlab.gap.costs import check_memory, heard_by, say
+from sensorlab.gap.costs import check_memory, heard_by, say, share_heap
 from sensorlab.gap.distance import Gap, distance, enough_trials
 from sensorlab.gap.drift import drift
 from sensorlab.gap.effects import (
@@ -105,6 +105,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     effects = tuple(CATALOGUE.values() if effects is None else effects)
     simulator = _simulator(simulator)
     check_memory(len(y), len(columns))
+    share_heap()
     with heard_by(progress, EXPECTED), one_thread_if(len(y) <= SHORT_RECORD):
         return _diagnosed(Scene(snapped(y), dt, columns), simulator, effects, trials,
                           seed, simulated)

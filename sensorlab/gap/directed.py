@@ -18,6 +18,7 @@ from sensorlab.gap.signatures import SIZES, bayes_table, log_bayes
 
 NODE_BLOCK = 8 * BLOCK    # samples of one record at many nodes that are worked on at a
                           # time; few leave lanes and cores idle
+LEAST_NODES = 4           # at a time: for each such part all signatures are laid anew
 
 NODES = 32            # of a posterior: its evidence is then good to 0.2 nat
 MAX_ADDED = 3         # signatures whose posteriors give nodes
@@ -70,7 +71,7 @@ def _scored(scene, reference, latest, listed, table):
     """`_Scored` of all hypotheses at nodes of their posteriors in the latest account.
     """
     nodes = [_nodes(scene, latest, past) for past in latest.samples]
-    most = max(NODE_BLOCK // len(scene.y), 1)
+    most = max(NODE_BLOCK // len(scene.y), LEAST_NODES)
     parts = [(number, theta[begin:begin + most]) for number, theta in enumerate(nodes)
              for begin in range(0, len(theta), most)]
     # scans take longest: they begin; two of one kind would take the most memory
