@@ -1457,7 +1457,7 @@ def filter_bank(b, y, stops, pairs=None):
     """
     y = as_samples(y)
     gap = np.isnan(y[:1])
-    if any((np.isnan(one) != gap[0]).any() for one in y):
+    if (np.isnan(y) != gap).any():
         raise ValueError("samples are missing in some records only: filter these apart")
     if np.any(np.diff(stops) <= 0) or not 1 <= stops[0] <= stops[-1] <= y.shape[1]:
         raise ValueError(f"stops {list(stops)} do not increase within 1..{y.shape[1]}")

@@ -23,7 +23,7 @@ def terminal(monkeypatch, capsys):
 def test_memory_is_refused_before_it_is_taken(monkeypatch):
     y = np.random.default_rng(0).standard_normal(30000)
     monkeypatch.setattr(costs, "available", lambda: 4e8)
-    with pytest.raises(MemoryError, match=r"30000 samples takes about 0.539 GB, 0.4 GB "
+    with pytest.raises(MemoryError, match=r"30000 samples takes about 0.518 GB, 0.4 GB "
                                           r"are available: --average 10 .* --from"):
         sensorlab.diagnose(y, 1.0, WHITE)
 
@@ -34,7 +34,7 @@ def test_a_record_without_memory_for_it_ends_in_one_line(tmp_path, monkeypatch, 
     np.savez("r.npz", error=np.random.default_rng(0).normal(size=30000), dt=1.0)
     assert main(["diagnose", "r.npz"]) == 2
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "0.539 GB" in said and "--average" in said
+    assert said.count("\n") == 1 and "0.518 GB" in said and "--average" in said
 
 
 def test_available_memory_is_what_the_system_and_the_container_say(tmp_path):
@@ -63,7 +63,7 @@ def test_without_any_word_of_the_system_all_memory_counts(monkeypatch):
 def test_very_long_records_are_forewarned():
     assert costs.forewarning(10**7 - 1) == ""
     said = costs.forewarning(3 * 10**7, 1)
-    assert "50 min" in said and "47 GB" in said and "--average 10" in said
+    assert "50 min" in said and "26 GB" in said and "--average 10" in said
 
 
 def test_a_listener_hears_every_part_of_the_work():

@@ -378,10 +378,20 @@ def _spacing_between(differences):
         return 0.0
     scale = np.median(np.abs(d)) / 0.6745
     # even in 1 / spacing: so is the phase of a difference
-    for per in np.arange(1.0 / WIDEST, 1.0 / NARROWEST, 1.0 / 16.0) / scale:
-        if np.mean(np.cos(2.0 * np.pi * per * d)) > CONCENTRATED:
-            return _refined(d, 1.0 / per)
+    tries = scale / np.arange(1.0 / WIDEST, 1.0 / NARROWEST, 1.0 / 16.0)
+    for spacing in tries[_concentration(d[::FEW], tries).real > CONCENTRATED / 2.0]:
+        if _concentration(d, [spacing])[0].real > CONCENTRATED:
+            return _refined(d, spacing)
     return 0.0
+
+
+FEW = 16    # values, of which one tells which spacings are worth a look at all
+
+
+def _concentration(values, spacings):
+    """Means of exp(2 pi i value / spacing): 1 where all values are multiples."""
+    per = 2j * np.pi / np.asarray(spacings, float)
+    return np.exp(per[:, None] * values).mean(1)
 
 
 MOST_NEIGHBOURS = 4000    # that are looked at
@@ -432,9 +442,10 @@ def _blurred_spacing(values, step):
     if reach > MAX_MULTIPLES:
         return 0.0
     tries = step * np.linspace(0.7, 1.4, int(8.0 * reach) + 16)
-    phase = [np.abs(np.mean(np.exp(2j * np.pi * values / lsb))) for lsb in tries]
-    best = int(np.argmax(phase))
-    return 0.0 if phase[best] < CONCENTRATED else _refined(values, tries[best])
+    tries = tries[np.abs(_concentration(values[::FEW], tries)) > CONCENTRATED / 2.0]
+    phase = np.abs(_concentration(values, tries))
+    return _refined(values, tries[phase.argmax()]) if (
+        phase.max(initial=0.0) >= CONCENTRATED) else 0.0
 
 
 def _refined(values, lsb):

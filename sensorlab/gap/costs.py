@@ -9,7 +9,7 @@ import os
 import pathlib
 
 BASE = 0.5e9          # bytes that every diagnosis takes, compiled code among them
-PER_SAMPLE = 1300     # bytes, and for every column beside the record
+PER_SAMPLE = 600      # bytes, and for every column beside the record
 PER_COLUMN = 250
 SECONDS = 1e-4        # a sample, of two cores, where one effect is found
 SPARE = 0.9           # of what is available, that may be used
