@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import DT
 
+import sensorid
 import sensorlab
 from sensorlab import Found, tables
 from sensorlab.gap import sizes, words
@@ -95,6 +96,19 @@ def test_what_is_said_needs_no_theory(answers):
         for word in ("nats", "log score", "likelihood", "Eq.", "one-step", "ln B"):
             assert word not in text, (kind, word)
         assert "mg" in text or not d.found
+
+
+def test_what_hides_the_rest_is_said():
+    y = np.cumsum(np.random.default_rng(4).normal(0.0, 0.3, 400))
+    y += np.random.default_rng(5).normal(0.0, 0.5, 400)
+    h = sensorid.hypothesis("random_walk", sigma_w=(0.1, 0.5), sigma_v=(0.2, 1.0))
+    for read, hiding in (
+            (2.0 * np.round(y / 2.0), "counts more than twice as coarse as the noise"),
+            (np.clip(y, *np.quantile(y, [0.1, 0.9])), "so many clipped samples")):
+        d = sensorlab.diagnose(read, 1.0, [h])
+        assert any(one.startswith(f"{hiding} hide the rest") for one in words.left(d))
+    d = sensorlab.diagnose(0.5 * np.round(y / 0.5), 1.0, [h])
+    assert d.verdict == "quantization" and "hide" not in "".join(words.left(d))
 
 
 def test_a_gain_of_prediction_is_one_of_its_error():

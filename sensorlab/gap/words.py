@@ -219,6 +219,12 @@ def left(d):
     if d.found or d.verdict == "unknown":
         yield (f"left: {percent(d.remainder.share)} of the gap; the chance of as much "
                f"is {chance(d.after.p_value)}")
+    for r in d.final.readings:
+        if r.opaque:
+            hiding = ("so many clipped samples" if "limits" in r.found.values else
+                      "counts more than twice as coarse as the noise")
+            yield (f"{hiding} hide the rest: other effects were not looked for, nor "
+                   "was it judged whether what is left is one")
     if "unknown" in d.verdict:
         yield f"what is left fits no effect of the catalogue: {look_at(d)}"
         doubtful = [one.name for one, part in zip(d.found, d.parts) if not part.stays]
