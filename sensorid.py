@@ -1246,7 +1246,8 @@ def _move_unrolled(y, begin, end, pairs, states, abreast, chain, nodes, gain, we
                 k = 0 if steady else i - begin + j
                 for g in range(PART):
                     node[(weights + j) * PART + g] = weight[k, first + g]
-                    for s in range(n):
+                for s in range(n):
+                    for g in range(PART):
                         node[(gains + j * n + s) * PART + g] = gain[k, s, first + g]
             for c in range(columns - 1, -1, -1):    # the ones first: they give mu
                 row, ones = c if len(pairs) else 0, c == columns - 1
