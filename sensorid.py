@@ -1636,25 +1636,33 @@ def log_likelihood(s2, count, chi2, score, information, log_det, bias):
     The integral over the bias, N(mean, variance), of the Gaussian whose -2 ln is
     (chi2 - 2 score b + information b^2) / s2, up to constants. All arguments broadcast.
     """
+    known, spread = _without_spread(s2, np.log(s2), count, chi2, score, information,
+                                    log_det, bias)
+    return known - 0.5 * np.log(spread)
+
+
+@njit(**JIT)
+def _without_spread(s2, log_s2, count, chi2, score, information, log_det, bias):
+    """`log_likelihood` but for half of the logarithm of a number, and that number: its
+    root takes less time.
+    """
     mean, variance = bias
     spread = variance * information + s2
     pull = mean * (2.0 * score - mean * information)
     chi2 = chi2 - (variance * score * score + pull * s2) / spread
-    return -0.5 * (count * LOG_2PI + (count - 1) * np.log(s2) + np.log(spread)
-                   + log_det + chi2 / s2)
+    return -0.5 * (count * LOG_2PI + (count - 1) * log_s2 + log_det + chi2 / s2), spread
 
 
 @njit(**JIT)
-def _scale_window(count, chi2, score, information, bias, low, high):
-    """Mode of ln scale within low..high, its exp(2 mode),
-    and the half-width that counts.
+def _scale_window(count, chi2, score, information, bias, least, most):
+    """Mode of ln scale where scale^2 is within least..most, its exp(2 mode), and the
+    half-width that counts.
 
     The log posterior of u = ln scale is -count u - D exp(-2u) / 2, less half a nat for
     the bias; D hardly depends on u, so that four fixed-point steps find the mode.
     """
     mean, variance = bias
     pull = mean * (2.0 * score - mean * information)
-    least, most = np.exp(2.0 * low), np.exp(2.0 * high)
     s2 = np.sqrt(least * most)
     for _ in range(4):
         spread = variance * information + s2
@@ -1681,38 +1689,41 @@ def _ramp(x):
 def _node_mass(count, chi2, score, node, limits, power, bias):
     """Mass of every node for one record: log of it and mean and square of the scale.
 
-    node (M, 3) columns information, log_det, log_prior; limits as in `Grid`. The scale
-    is integrated by Gauss-Legendre over the part of its range that holds the posterior;
-    nodes TAIL + 10 nats below the best keep a bound.
+    node (M, 7) as `_node_columns` has it; limits as in `Grid`. The scale is integrated
+    by Gauss-Legendre over the part of its range that holds the posterior; nodes
+    TAIL + 10 nats below the best keep a bound.
     """
     M, edges = limits.shape[:2]
     mass, first, second = np.empty(M), np.ones(M), np.ones(M)
     low, high, mode, peak = np.zeros(M), np.zeros(M), np.zeros(M), np.empty(M)
     for j in range(M):
-        information, log_det, log_prior = node[j]
-        low[j] = np.max(limits[j, :, 0] - limits[j, :, 2])
-        high[j] = np.min(limits[j, :, 1] + limits[j, :, 2])
+        information, log_det, log_prior = node[j, 0], node[j, 1], node[j, 2]
+        low[j], high[j] = node[j, 3], node[j, 4]
         width, s2 = 0.5, 1.0
         if low[j] < high[j]:
             mode[j], s2, width = _scale_window(
-                count - power, chi2[j], score[j], information, bias, low[j], high[j])
+                count - power, chi2[j], score[j], information, bias, node[j, 5],
+                node[j, 6])
             low[j], high[j] = (max(low[j], mode[j] - width),
                                min(high[j], mode[j] + width))
             width = 0.5 * (high[j] - low[j])
-        peak[j] = power * mode[j] + log_likelihood(
-            s2, count, chi2[j], score[j], information, log_det, bias)
+        known, spread = _without_spread(s2, 2.0 * mode[j], count, chi2[j], score[j],
+                                        information, log_det, bias)
+        peak[j] = power * mode[j] + known
         # a bound, if the scale is free
-        mass[j] = log_prior + peak[j] + np.log(2.0 * width)
+        mass[j] = log_prior + peak[j] + np.log(2.0 * width / np.sqrt(spread))
     best = np.max(mass)
     for j in range(M):
-        information, log_det, log_prior = node[j]
         if mass[j] > best - TAIL - 10.0 and low[j] < high[j]:
+            information, log_det, log_prior = node[j, 0], node[j, 1], node[j, 2]
             total = mean = square = 0.0
             for point in range(len(ABSCISSAE)):
                 u = low[j] + 0.5 * (high[j] - low[j]) * (1.0 + ABSCISSAE[point])
                 s2 = np.exp(2.0 * u)
-                g = WEIGHTS[point] * np.exp(power * u - peak[j] + log_likelihood(
-                    s2, count, chi2[j], score[j], information, log_det, bias))
+                known, spread = _without_spread(
+                    s2, 2.0 * u, count, chi2[j], score[j], information, log_det, bias)
+                g = WEIGHTS[point] * np.exp(power * u - peak[j] + known) / np.sqrt(
+                    spread)
                 for edge in range(1, edges):
                     begin, end, blur = limits[j, edge]
                     g *= _ramp((u - begin) / blur) * _ramp((end - u) / blur)
@@ -1776,8 +1787,13 @@ def _posteriors(count, chi2, score, node, limits, power, bias, feature, exponent
 
 
 def _node_columns(g, sums):
-    """The columns of `node` in `_node_mass`."""
-    return np.column_stack([sums.information, sums.log_det, g.log_prior])
+    """Information, log_det, log_prior of every node, the ends of its ln scale, and
+    those of scale^2.
+    """
+    begin, end, blur = np.moveaxis(g.limits, -1, 0)
+    low, high = (begin - blur).max(1), (end + blur).min(1)
+    return np.column_stack([sums.information, sums.log_det, g.log_prior, low, high,
+                            np.exp(2.0 * low), np.exp(2.0 * high)])
 
 
 def _features(g):

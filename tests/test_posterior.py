@@ -99,7 +99,8 @@ def test_scale_integral_equals_adaptive_quadrature(count, chi2, score, informati
     total, first = (quad(lambda x: np.exp(f(x) - top + k * x), low, high, points=[peak],
                          epsabs=0, limit=500)[0] for k in (0, 1))
     mass, mean, _ = s._node_mass(count, np.array([chi2]), np.array([score]),
-                                 np.array([[information, 0.3, -1.0]]),
+                                 np.array([[information, 0.3, -1.0, low, high,
+                                            np.exp(2.0 * low), np.exp(2.0 * high)]]),
                                  np.array([[[low, high, 0.0]]]), power, bias)
     assert_allclose(mass[0], top + np.log(total) - 1.0, atol=2e-4)
     assert_allclose(mean[0], first / total, rtol=1e-4)
