@@ -1313,7 +1313,7 @@ def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x
         nodes = _in_rows(Phi[0], H[0], len(abreast))
         parts = [_in_parts(whole) for whole in wholes]
     for begin, end, *gains in _gains_of_group(
-            observed, last_gap, first, entries, away == 0, Phi, Q, H, r, P, log_det):
+            observed, last_gap, first, P, log_det, entries, away == 0, Phi, Q, H, r):
         stop = begin
         if unrolled:
             stop = end - (end - begin) % len(abreast)
@@ -1329,17 +1329,16 @@ def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x
     sums[-1, 1] = log_det
 
 
-def _gains_of_group(observed, last_gap, first, *bank):
-    """(begin, end, gain, weight) of one stretch of samples after the other; `bank` is
-    what `_gains_abreast` takes. Once P no longer changes, one gain is for all the rest.
+def _gains_of_group(observed, last_gap, first, P, log_det, *filters):
+    """(begin, end, gain, weight) of one stretch of samples after the other, from what
+    `_gains_abreast` takes. Once P no longer changes, one gain is for all the rest.
     """
-    *bank, P, log_det = bank
     gain, weight = np.empty((SETTLING, *P.shape[1:])), np.empty((SETTLING, P.shape[2]))
     begin, steady, samples = 0, False, len(observed)
     while begin < samples and not steady:
         count, steady = _gains_abreast(
-            observed[begin:begin + SETTLING], first + begin, last_gap - begin, *bank, P,
-            gain, weight, log_det)
+            observed[begin:begin + SETTLING], first + begin, last_gap - begin, *filters,
+            P, gain, weight, log_det)
         yield begin, begin + count, gain[:count], weight[:count]
         begin += count
     if begin < samples:

@@ -44,6 +44,7 @@ def test_few_nodes_at_a_time_give_the_same_evidence(monkeypatch):
     reference = account(scene, [h])
     (whole,) = directed.directed(scene, reference, listed)
     monkeypatch.setattr(directed, "NODE_BLOCK", 3 * len(scene.y))
+    monkeypatch.setattr(directed, "LEAST_NODES", 1)
     (parts,) = directed.directed(scene, reference, listed)
     assert_allclose(parts.log_evidence, whole.log_evidence, atol=0.2)
 

@@ -105,8 +105,10 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     effects = tuple(CATALOGUE.values() if effects is None else effects)
     simulator = _simulator(simulator)
     check_memory(len(y), len(columns))
-    share_heap()
-    with heard_by(progress, EXPECTED), one_thread_if(len(y) <= SHORT_RECORD):
+    short = len(y) <= SHORT_RECORD
+    if not short:
+        share_heap()
+    with heard_by(progress, EXPECTED), one_thread_if(short):
         return _diagnosed(Scene(snapped(y), dt, columns), simulator, effects, trials,
                           seed, simulated)
 

@@ -76,7 +76,7 @@ def _scored(scene, reference, latest, listed, table):
              for begin in range(0, len(theta), most)]
     # scans take longest: they begin; two of one kind would take the most memory
     order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
-    found, likely = [[] for _ in nodes], {}    # of a long record every node is a part
+    found, likely = [[] for _ in nodes], {}    # of a long record a few nodes are a part
     for some in _together(parts, most):
         solved = side_by_side(lambda part: _for_scans(solve(
             reference.hypotheses[part[0]], scene, reference.signatures, part[1])), some)
