@@ -53,6 +53,16 @@ def test_a_parameter_that_moved_leaves_no_gap_behind(known):
     assert d.verdict == "wrong_parameter" and d.remainder.where == -1
 
 
+def test_a_process_at_an_end_of_its_range_does_not_stand_for_a_filter():
+    # noise of which neighbours have a part in common, as after a short filter: a Markov
+    # process cannot be as fast
+    w = 0.41 * np.random.default_rng(2).standard_normal((2, 4001))
+    y, other = 0.05 * np.round((w[:, 1:] + 0.18 * w[:, :-1]) / 0.05)
+    simulator = sensorlab.simulator_from(y[None], DT)
+    assert "bandwidth" in [one.name for one in simulator.effects[0]]
+    assert sensorlab.diagnose(other, DT, simulator, simulated=y[None]).verdict == "none"
+
+
 @pytest.mark.large
 def test_a_line_that_moved_is_no_other_line(known):
     y, simulator = known

@@ -580,6 +580,12 @@ def _widened(h, sample, key, factor):
         p, sample, column)
 
 
+def pushes(acc):
+    """Does a record push against an end of a parameter that has a range?"""
+    return any(p.free and _pushed(p, acc.sample, column)
+               for column, p in enumerate(acc.member.parameters))
+
+
 def _pushed(p, sample, column):
     """Does a record push against an end of a parameter, or is it a number?"""
     mean, sd = sample.mean[column], sample.sd()[column]

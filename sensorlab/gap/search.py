@@ -8,7 +8,8 @@ import numpy as np
 
 from sensorid import brief
 from sensorlab.gap.account import Account
-from sensorlab.gap.causes import Cause, further_causes, search_cost, without
+from sensorlab.gap.causes import (
+    Cause, further_causes, pushes, search_cost, without)
 from sensorlab.gap.distance import Gap
 from sensorlab.gap.flexible import stays_needed
 from sensorlab.gap.readings import as_read
@@ -53,9 +54,10 @@ def search(full, start, readings, effects, before, glanced, shared):
     for _ in range(0 if any(r.opaque for r in start.readings) else MAX_LOOKS):
         if added == MAX_EFFECTS or doubtful == MAX_DOUBTFUL:
             break
-        # a process shows in the undirected statistics, if it is there; jumps may not
-        look = further_causes(scene, acc, effects,
-                              not path.found or after.p_value < LOOK_ON)
+        # a process shows in the undirected statistics, if it is there, or in parameters
+        # that are at an end of their range in its place; jumps may not
+        look = further_causes(scene, acc, effects, not path.found or
+                              after.p_value < LOOK_ON or pushes(acc))
         before_it, leaves = leaves, _with_leaves(leaves, path, look)
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])
