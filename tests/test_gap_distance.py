@@ -13,18 +13,26 @@ from scipy.stats import binom, kstest, norm
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene, Simulator
 from sensorlab.gap import (
-    account, closure, distance, filters, places, probes, scans, signatures)
+    account, closure, diagnosis, distance, filters, places, probes, readings, scans,
+    signatures)
 from sensorlab.gap.effects import members
 
 
 @pytest.mark.large
-def test_p_values_of_records_without_an_effect_are_uniform():
+@pytest.mark.parametrize("steps", [0.0, 1.4])    # of a lattice, in the noise
+def test_p_values_of_records_without_an_effect_are_uniform(steps):
     p = []
     for k, y in enumerate(sensorid.simulate(MODEL, DT, 1000, 60, seed=21).error):
+        if steps:    # nearly as coarse as can be without more than a further noise
+            lsb = steps * np.std(np.diff(y)) / np.sqrt(2.0)
+            y = lsb * np.round(y / lsb)
         r = generator.record(31, k)
         scene = Scene(y, DT, dict(temperature=r["temperature"][:1000]))
-        fit = account.account(scene, members(Simulator(MODEL), scene))
-        p.append(distance.distance(scene, fit).p_value)
+        fit = diagnosis._with_readings(scene, members(Simulator(MODEL), scene), (),
+                                       readings.readings(scene))
+        gap = distance.distance(scene, fit)
+        assert (gap.theta == fit.theta).all() and bool(fit.readings) == bool(steps)
+        p.append(gap.p_value)
     assert kstest(p, "uniform").pvalue > 1e-3
     assert np.sum(np.array(p) < 0.05) <= binom.ppf(0.999, 60, 0.05)
 

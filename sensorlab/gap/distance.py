@@ -15,7 +15,8 @@ from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene, simulate_effects
 from sensorlab.gap.filters import Filter, Shared, filter_of, filtered, predict, shared
 from sensorlab.gap.places import PLACES, Statistics, statistics
 from sensorlab.gap.probes import Probes, probes
-from sensorlab.gap.readings import COARSE, lattice_and_noise, without_readings
+from sensorlab.gap.readings import (
+    COARSE, lattice_and_noise, misleads, without_readings)
 
 
 class Gap(NamedTuple):
@@ -78,6 +79,7 @@ class _Setting(NamedTuple):
     fitted: Scene       # what the fit saw
     late: Scene         # what is compared
     printed: float      # spacing of the digits of the record, too fine for an effect
+    misled: bool        # do readings do what the fit knows nothing of?
 
     def is_like(self, other):
         """Is the same part of the same record compared?"""
@@ -190,7 +192,8 @@ def _setting(scene, acc, first):
                                            np.nan))
     lsb, noise = lattice_and_noise(scene.y + scene.known)
     return _Setting(scene, acc, first, own, fitted, late,
-                    lsb if lsb <= COARSE * noise else 0.0)
+                    lsb if lsb <= COARSE * noise else 0.0,
+                    any(misleads(r, noise) for r in acc.readings))
 
 
 class _Refit(NamedTuple):
@@ -242,17 +245,17 @@ class _Refit(NamedTuple):
         """Parameters (p,) whose records give this fit; those of the simulator of a gap
         `near` were as far from their fit.
 
-        The fit ignores what rounding and clipping do beyond a further white noise, and
-        the history of a level: indirect inference (C. Gourieroux, A. Monfort,
-        E. Renault, J. Appl. Econometrics 8, 1993). What the record does not tell, the
-        prior keeps in place. Under a third of clipped samples the fit is dozens of its
-        own standard deviations off, and tells less of a change than of itself: slopes
-        are learnt on the way, and moves grow where they help.
+        The fit ignores what coarse rounding and clipping do beyond a further white
+        noise, and the history of a level: indirect inference (C. Gourieroux, A.
+        Monfort, E. Renault, J. Appl. Econometrics 8, 1993). What the record does not
+        tell, the prior keeps in place. Under a third of clipped samples the fit is
+        dozens of its own standard deviations off, and tells less of a change than of
+        itself: slopes are learnt on the way, and moves grow where they help.
         """
         acc, free = self.setting.acc, self.free
         truth, starts = acc.theta.copy(), [acc.theta[free]]
         level = acc.member.jumps(acc.theta[None]).half[0] > 0.0
-        if not free or not (acc.readings or level):
+        if not free or not (self.setting.misled or level):
             return truth
         if near is not None:
             like = near.ruler.fit.setting.acc
@@ -275,7 +278,7 @@ class _Refit(NamedTuple):
             s[1:] = _without_tails(s[1:])
             return s[1:].mean(0) - s[0] + prior @ ((at - fit) / step), (
                 prior + np.cov(s[1:].T).reshape(len(free), -1))
-        truth[free] = _root(missed, starts, step, MOVES if acc.readings else 4)
+        truth[free] = _root(missed, starts, step, MOVES if self.setting.misled else 4)
         return truth
 
 

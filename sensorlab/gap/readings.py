@@ -34,6 +34,8 @@ HIDDEN = 0.05         # of the samples: more clipped ones are not missing at ran
                       # the filters assume
 HIDING = 2.0          # of the white noise: a coarser lattice adds more than a further
                       # white noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
+SMOOTH = 1.5          # of the white noise: what a finer lattice adds is white noise to
+                      # exp(-2 pi^2 / 1.5^2) = 2e-4 (the same)
 
 
 ROUNDING = 1e-9       # of the white noise: equal but for rounding
@@ -154,6 +156,14 @@ def adds_noise(y, lsb):
 def _less_rounding(noise, lsb):
     """Standard deviation of a noise without what rounding adds."""
     return np.sqrt(max(noise**2 - lsb**2 / 12.0, 0.0))
+
+
+def misleads(reading, noise):
+    """Does a reading more than leave out samples and add a white noise to one that is
+    there? Then the fit is off.
+    """
+    values = reading.found.values
+    return "limits" in values or values.get("lsb", 0.0) > SMOOTH * noise
 
 
 def _clipped(y, lsb, noise):
