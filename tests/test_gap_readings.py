@@ -32,6 +32,16 @@ def test_readings_are_seen_and_what_is_none_is_not():
         "stuck", "quantization"]
 
 
+def test_only_clipping_and_a_coarse_lattice_mislead_the_fit():
+    y = 0.5 * np.random.default_rng(9).standard_normal(3000)
+    stuck = y.copy()
+    stuck[700:730] = stuck[700]
+    for shown, misled in ((0.5 * np.round(y / 0.5), False), (np.round(y), True),
+                          (np.clip(y, -1.0, 1.2), True), (stuck, False)):
+        (one,) = readings.readings(Scene(shown, DT, {}))
+        assert readings.misleads(one, 0.5) == misled
+
+
 @pytest.mark.parametrize("shape", [lambda t: 0.37 * (t > 0.6), lambda t: 1.7 * t])
 def test_values_meet_by_chance_on_a_lattice_that_was_moved(shape):
     rng = np.random.default_rng(9)

@@ -35,7 +35,7 @@ HIDDEN = 0.05         # of the samples: more clipped ones are not missing at ran
 HIDING = 2.0          # of the white noise: a coarser lattice adds more than a further
                       # white noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
 SMOOTH = 1.5          # of the white noise: what a finer lattice adds is white noise to
-                      # exp(-2 pi^2 / 1.5^2) = 2e-4 (the same)
+                      # exp(-2 pi^2 / 1.5^2) = 2e-4 of it (the same)
 
 
 ROUNDING = 1e-9       # of the white noise: equal but for rounding
