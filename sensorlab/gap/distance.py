@@ -15,8 +15,7 @@ from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene, simulate_effects
 from sensorlab.gap.filters import Filter, Shared, filter_of, filtered, predict, shared
 from sensorlab.gap.places import PLACES, Statistics, statistics
 from sensorlab.gap.probes import Probes, probes
-from sensorlab.gap.readings import (
-    COARSE, lattice_and_noise, misleads, without_readings)
+from sensorlab.gap.readings import COARSE, lattice_and_noise, misleads, without_readings
 
 
 class Gap(NamedTuple):

@@ -8,8 +8,7 @@ import numpy as np
 
 from sensorid import brief
 from sensorlab.gap.account import Account
-from sensorlab.gap.causes import (
-    Cause, further_causes, pushes, search_cost, without)
+from sensorlab.gap.causes import Cause, further_causes, pushes, search_cost, without
 from sensorlab.gap.distance import Gap
 from sensorlab.gap.flexible import stays_needed
 from sensorlab.gap.readings import as_read
