@@ -803,6 +803,7 @@ TILE = 128     # samples; a TILE x LANES tile of data (32 KiB) stays in the L1 c
 STRETCH = 32   # samples after which gains of n-state filters may have settled
 SETTLING = 256    # samples of which these gains are found at a time
 UNROLLED = 7   # states of a filter whose loops LLVM unrolls, at most
+UNROLLED_CHAIN = 5    # the same of its gains, where states mix
 DUST = 1e-100  # states so small are 0: arithmetic with numbers below 1e-308, to which
                # they decay where a record is 0 for long, takes 40 times as long
 
@@ -1160,6 +1161,99 @@ def _is_steady(past, P, gain, weight):
     return True
 
 
+@njit(**JIT)
+def _gain_unrolled(seen, states, chain, node):
+    """Eqs. (5), (6), (8) for PART nodes and a sample, of as many states as another,
+    unrolled as `_samples_unrolled` is: in one array, of which no row can be another.
+
+    node has rows of PART: the diagonal of Phi, H, what is before and behind the
+    diagonal (it counts in a `chain`); gain, 1 / f, the product of f so far, R; P, Q and
+    Phi P of a chain, all n x n; P h.
+    """
+    n = len(states)
+    gain, per_f, product, r, P = 4 * n, 5 * n, 5 * n + 1, 5 * n + 2, 5 * n + 3
+    Q, prior, Ph = P + n * n, P + 2 * n * n, P + 3 * n * n
+    for g in range(PART):
+        if chain is not None:
+            for row in range(n):
+                for s in range(n):
+                    k = P + row * n + s
+                    new = node[row * PART + g] * node[k * PART + g]
+                    if row > 0:
+                        new += (node[(2 * n + row) * PART + g]
+                                * node[(k - n) * PART + g])
+                    if row < n - 1:
+                        new += (node[(3 * n + row) * PART + g]
+                                * node[(k + n) * PART + g])
+                    node[(prior + row * n + s) * PART + g] = new
+        for row in range(n):
+            for s in range(row + 1):
+                k = row * n + s
+                if chain is None:
+                    new = (node[row * PART + g] * node[(P + k) * PART + g]
+                           * node[s * PART + g])
+                else:
+                    new = node[(prior + k) * PART + g] * node[s * PART + g]
+                    if s > 0:
+                        new += (node[(prior + k - 1) * PART + g]
+                                * node[(2 * n + s) * PART + g])
+                    if s < n - 1:
+                        new += (node[(prior + k + 1) * PART + g]
+                                * node[(3 * n + s) * PART + g])
+                new += node[(Q + k) * PART + g]
+                node[(P + k) * PART + g] = new
+                node[(P + s * n + row) * PART + g] = new
+        f = node[r * PART + g]
+        for row in range(n):
+            own = 0.0
+            for s in range(n):
+                own += node[(P + row * n + s) * PART + g] * node[(n + s) * PART + g]
+            node[(Ph + row) * PART + g] = own
+            f += node[(n + row) * PART + g] * own
+        weight = seen / f
+        node[per_f * PART + g] = weight
+        node[product * PART + g] = node[product * PART + g] * (seen * f + (1.0 - seen))
+        for row in range(n):
+            own = node[(Ph + row) * PART + g] * weight
+            node[(gain + row) * PART + g] = own
+            for s in range(row + 1):
+                new = node[(P + row * n + s) * PART + g] - (
+                    own * node[(Ph + s) * PART + g])
+                node[(P + row * n + s) * PART + g] = new
+                node[(P + s * n + row) * PART + g] = new
+
+
+@njit(nogil=True, **JIT)
+def _gains_unrolled(observed, last_gap, states, chain, nodes, P, gain, weight, log_det):
+    """`_gains_abreast` by `_gain_unrolled`: nodes (parts, rows of PART)."""
+    n, past = len(states), np.empty_like(P)
+    for begin in range(0, len(observed), STRETCH):
+        end = min(begin + STRETCH, len(observed))
+        past[:] = P
+        for part in range(len(nodes)):
+            node, first = nodes[part], part * PART
+            for i in range(begin, end):
+                _gain_unrolled(observed[i], states, chain, node)
+                for s in range(n):
+                    for g in range(PART):
+                        gain[i, s, first + g] = node[(4 * n + s) * PART + g]
+                for g in range(PART):
+                    weight[i, first + g] = node[5 * n * PART + g]
+                if i % 8 == 7 or i == end - 1:
+                    for g in range(PART):
+                        log_det[first + g] += np.log(node[(5 * n + 1) * PART + g])
+                        node[(5 * n + 1) * PART + g] = 1.0
+            for row in range(n):
+                for s in range(row + 1):
+                    for g in range(PART):
+                        k = 5 * n + 3 + row * n + s
+                        P[row, s, first + g] = node[k * PART + g]
+        if begin > last_gap and end == begin + STRETCH and _is_steady(
+                past, P, gain[end - 1], weight[end - 1]):
+            return end, True
+    return len(observed), False
+
+
 @njit(nogil=True, **JIT)
 def _move_group(y, begin, end, first, pairs, entries, Phi, H, gain, weight, x, sums,
                 products):
@@ -1310,10 +1404,11 @@ def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x
     states, abreast = (0,) * n, (0,) * (4 if n <= 4 else 2)
     wholes, log_det = (x, sums, products[:, None]), sums[-1, 1].copy()
     if unrolled:
-        nodes = _in_rows(Phi[0], H[0], len(abreast))
+        count = len(abreast)
+        nodes = _in_rows(Phi[0], H[0], np.zeros(((n + 2) * count, x.shape[2])))
         parts = [_in_parts(whole) for whole in wholes]
     for begin, end, *gains in _gains_of_group(
-            observed, last_gap, first, P, log_det, entries, away == 0, Phi, Q, H, r):
+            observed, last_gap, first, P, log_det, entries, away, Phi, Q, H, r):
         stop = begin
         if unrolled:
             stop = end - (end - begin) % len(abreast)
@@ -1329,16 +1424,29 @@ def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x
     sums[-1, 1] = log_det
 
 
-def _gains_of_group(observed, last_gap, first, P, log_det, *filters):
-    """(begin, end, gain, weight) of one stretch of samples after the other, from what
-    `_gains_abreast` takes. Once P no longer changes, one gain is for all the rest.
+def _gains_of_group(observed, last_gap, first, P, log_det, entries, away, Phi, Q, H, r):
+    """(begin, end, gain, weight) of one stretch of samples after the other, of states
+    that mix with those at most so far `away`. Once P no longer changes, one gain is for
+    all the rest. Unrolled where few states mix with none but neighbours.
     """
-    gain, weight = np.empty((SETTLING, *P.shape[1:])), np.empty((SETTLING, P.shape[2]))
+    n, M = P.shape[1:]
+    gain, weight = np.empty((SETTLING, n, M)), np.empty((SETTLING, M))
+    timeless = len(Phi) == len(Q) == len(H) == len(r) == 1
+    unrolled = timeless and away <= 1 and n <= (UNROLLED_CHAIN if away else UNROLLED)
+    if unrolled:
+        full, zeros = np.indices((n, n)), np.zeros((n * n + n, M))
+        square = P[full.max(0), full.min(0)].reshape(n * n, M)
+        nodes = _in_rows(Phi[0], H[0], zeros[:n + 1], np.ones((1, M)), r, square,
+                         Q[0].reshape(n * n, M), zeros)
     begin, steady, samples = 0, False, len(observed)
     while begin < samples and not steady:
-        count, steady = _gains_abreast(
-            observed[begin:begin + SETTLING], first + begin, last_gap - begin, *filters,
-            P, gain, weight, log_det)
+        part, gap = observed[begin:begin + SETTLING], last_gap - begin
+        if unrolled:
+            count, steady = _gains_unrolled(part, gap, (0,) * n, () if away else None,
+                                            nodes, P, gain, weight, log_det)
+        else:
+            count, steady = _gains_abreast(part, first + begin, gap, entries, away == 0,
+                                           Phi, Q, H, r, P, gain, weight, log_det)
         yield begin, begin + count, gain[:count], weight[:count]
         begin += count
     if begin < samples:
@@ -1346,16 +1454,16 @@ def _gains_of_group(observed, last_gap, first, P, log_det, *filters):
         yield begin, samples, gain[count - 1:count], weight[count - 1:count]
 
 
-def _in_rows(Phi, H, count):
-    """Phi (n, n, M), H (n, M) as `_samples_unrolled` takes them, with room for the
-    gains of `count` samples: (parts, rows * PART).
+def _in_rows(Phi, H, *others):
+    """Phi (n, n, M), H (n, M) and other rows (., M) as `_samples_unrolled` and
+    `_gain_unrolled` take them: (parts, rows * PART).
     """
     n, M = H.shape
-    node = np.zeros(((4 + count) * n + 2 * count, M))
+    node = np.zeros((4 * n, M))
     node[:n], node[n:2 * n] = np.moveaxis(np.diagonal(Phi), -1, 0), H
     node[2 * n + 1:3 * n] = np.moveaxis(np.diagonal(Phi, -1), -1, 0)
     node[3 * n:4 * n - 1] = np.moveaxis(np.diagonal(Phi, 1), -1, 0)
-    return _in_parts(node[None])[:, 0]
+    return _in_parts(np.concatenate([node, *others])[None])[:, 0]
 
 
 def _in_parts(whole):

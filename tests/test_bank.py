@@ -233,6 +233,7 @@ def test_unrolled_loops_do_what_a_dense_covariance_does(monkeypatch, n, mixed):
         Phi[k:k + 2, k:k + 2] = 0.9 * np.array([[0.8, 0.6], [-0.6, 0.8]])
     G, H, P0 = np.diag(rng.uniform(0.1, 0.5, n)), rng.uniform(0.5, 1.0, n), np.diag(
         rng.uniform(0.5, 2.0, n))
+    G, P0 = G + 0.05 * mixed, P0 + 0.1 * mixed
     h = s.hypothesis(lambda dt: s.shaping_filter(Phi, G, H, 0.7, P0=P0), name="sum")
     y, pairs, N = rng.standard_normal((3, 1203)), [(0, 1), (2, 0)], 131
     y[:, 50:55] = np.nan
@@ -248,7 +249,8 @@ def test_unrolled_loops_do_what_a_dense_covariance_does(monkeypatch, n, mixed):
     assert_allclose(few.information, ones.sum(), rtol=1e-9)
     assert_allclose(few.score[:, 0], y[:, :N][:, seen] @ ones, rtol=1e-9)
     many = list(s.filter_bank(b, y, [701, 1203], pairs))
-    monkeypatch.setattr(s, "UNROLLED", 0)
+    for most in ("UNROLLED", "UNROLLED_CHAIN"):
+        monkeypatch.setattr(s, most, 0)
     for one, other in zip(many, s.filter_bank(b, y, [701, 1203], pairs)):
         for part, its in zip(one, other):
             assert_allclose(part, its, rtol=1e-10)
