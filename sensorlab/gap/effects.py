@@ -8,14 +8,16 @@ import numpy as np
 from sensorid import Hypothesis, Parameter, brief, simulate
 
 
-class Scene(NamedTuple):
-    """A record and what was recorded beside it."""
-
+class _Recorded(NamedTuple):
     y: np.ndarray    # (N,) sensor error, u; NaN where missing
     dt: float        # s
     columns: dict    # name -> (N,) array
     known: np.ndarray = 0.0    # (N,) or a number, u: what was taken away from the
                                # record, its offset and what the simulator adds
+
+
+class Scene(_Recorded):
+    """A record and what was recorded beside it."""
 
     __repr__ = brief
 
@@ -34,7 +36,7 @@ class Scene(NamedTuple):
     def duration(self):
         return self.dt * len(self.y)
 
-    @property
+    @functools.cached_property    # every simulated record asks for it
     def white(self):
         """Standard deviation of the white part, from first differences; robust."""
         step = np.abs(np.diff(self.y[~np.isnan(self.y)]))
