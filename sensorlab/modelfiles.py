@@ -116,6 +116,9 @@ def _effect_from(entry):
         if not np.subtract(*values["limits"]) < 0.0:
             raise ValueError(f"limits {[low, high]} of {effect.name}: the low one must "
                              "be below the high one")
+    elif "codes" in values and np.any(np.diff(values["codes"], axis=0)[:, 0] <= 0.0):
+        raise ValueError(f"codes of {effect.name}: the value of each must be above "
+                         "that of the one before")
     return Found(effect, entry.get("column") or "", entry.get("variant") or "", values)
 
 

@@ -36,6 +36,9 @@ READINGS = dict(
     frequency=dict(type="number", **POSITIVE),
     phase=dict(type="number", **NOT_NEGATIVE),
     limits=dict(type="array", items=END, minItems=2, maxItems=2),
+    codes=dict(type="array", minItems=2, items=dict(
+        type="array", minItems=2, maxItems=2,
+        prefixItems=[dict(type="number"), dict(type="number", **NOT_NEGATIVE)])),
     spans=dict(type="array", items=dict(
         type="array", minItems=2, maxItems=2,
         prefixItems=[dict(type="number", **NOT_NEGATIVE),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import DT, MODEL, WHITE
+from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 import sensorid
@@ -254,3 +255,68 @@ def test_a_level_that_came_after_the_rounding_is_no_limit(size):
     y += size * (np.cumsum(rng.random(4000) < 0.005) % 2)
     (one,) = readings.readings(Scene(y, DT, {}))
     assert one.moved and one.found.values["lsb"] == pytest.approx(0.05, rel=1e-3)
+
+
+WIDTHS = [0.3, 1.6, 0.4, 1.7]    # of codes that come again and again, in lsb
+
+
+def converted(y, first=-40, count=80):
+    """Values by a converter whose codes are not all as wide, one by one."""
+    ends = first - 0.5 + np.cumsum([0.0, *(WIDTHS[k % 4] for k in range(count))])
+    return np.array([first + np.sum(ends[1:] <= value) for value in y], float)
+
+
+def noisy(rng, kind, n=4000):
+    """Noise of three, about which something else is."""
+    y = 3.0 * rng.standard_normal(n)
+    return dict(
+        white=lambda: y, walk=lambda: y + np.cumsum(0.1 * rng.standard_normal(n)),
+        step=lambda: y + 9.0 * (np.arange(n) > n // 3),
+        line=lambda: y + 5.0 * np.sin(0.02 * np.arange(n)),
+        outliers=lambda: y + 60.0 * (rng.random(n) < 0.02) * rng.standard_normal(n),
+        bursts=lambda: y * (1.0 + 4.0 * (np.cumsum(rng.random(n) < 0.01) % 2)),
+        even=lambda: rng.uniform(-5.0, 5.0, n), laplace=lambda: rng.laplace(0, 3.0, n),
+        quiet=lambda: y * np.repeat(np.exp(rng.standard_normal(n // 100)), 100))[kind]()
+
+
+@pytest.mark.parametrize("kind", ["white", "walk", "step", "line", "outliers"])
+def test_codes_of_uneven_width_are_read_whatever_else_there_is(kind):
+    y = noisy(np.random.default_rng(3), kind)
+    seen = readings.readings(Scene(0.25 * converted(y), DT, {}))
+    assert [r.found.name for r in seen] == ["quantization", "differential_nonlinearity"]
+    assert seen[1].log_bayes > 100.0
+    value, width = np.transpose(seen[1].found.values["codes"])
+    assert_allclose(np.diff(value), 0.25)
+    full = np.abs(4.0 * value) < 5.0    # where most samples are
+    true = np.array(WIDTHS)[(np.round(4.0 * value[full]).astype(int) + 40) % 4]
+    assert_allclose(4.0 * width[full], true, atol=0.3)
+
+
+@pytest.mark.parametrize("kind", ["white", "walk", "step", "line", "outliers", "bursts",
+                                  "even", "laplace", "quiet"])
+def test_codes_of_even_width_are_not_uneven(kind):
+    for seed in range(20):
+        y = np.round(noisy(np.random.default_rng(seed), kind))
+        assert "differential_nonlinearity" not in [
+            r.found.name for r in readings.readings(Scene(y, DT, {}))]
+
+
+def test_a_converter_is_simulated_as_it_was_read():
+    y = noisy(np.random.default_rng(4), "walk")
+    codes = [[k - 40.0, WIDTHS[k % 4]] for k in range(80)]
+    one = Found(CATALOGUE["differential_nonlinearity"], values=dict(codes=codes))
+    again = y.copy()
+    one.effect.reading(None, again, codes)
+    assert_allclose(again, converted(y))
+    h = sensorid.hypothesis("white_noise", sigma_v=3.0, bias_sigma=0.0)
+    rounding = Found(CATALOGUE["quantization"], values=dict(lsb=1.0))
+    empty = Scene(np.zeros(4000), DT, {})
+    first, second = (sensorlab.simulate_effects(
+        Simulator((h,), (order,)), empty, seed=2).error[0]
+        for order in ((one, rounding), (rounding, one)))
+    assert_allclose(first, second)    # codes come before rounding
+    d = sensorlab.diagnose(first, DT, Simulator((h,), ((),)))
+    assert d.verdict == "quantization+differential_nonlinearity"
+    assert d.after.p_value > 0.01 and d.closure.closed > 0.7
+    d = sensorlab.diagnose(first, DT, sensorlab.augmented(d))
+    assert d.verdict == "none"

@@ -145,6 +145,16 @@ def of_values(ax, d, reading, unit):
     ax.set(xlabel="time, s", ylabel=f"error, {unit}")
 
 
+def of_codes(ax, reading, unit):
+    """Widths of the codes of a converter."""
+    value, width = np.transpose(reading.found.values["codes"])
+    lsb = value[1] - value[0]
+    ax.bar(value, width / lsb, 0.8 * lsb, color=PALE, label="record")
+    ax.axhline(1.0, color=AFTER, label=f"codes that are all {lsb:.4g} {unit} wide")
+    ax.locator_params(axis="x", nbins=5)
+    ax.set(xlabel=f"error, {unit}", ylabel="width of a code, lsb")
+
+
 def _levels(y, part, lsb):
     """Multiples of lsb, from the first value of a record on, about a part of it."""
     first = y[~np.isnan(y)][0]
@@ -212,6 +222,9 @@ def of_evidence(ax, d, view, unit):
     if view.added:
         of_added(ax, view.added[0])
         return f"The {view.added[0].name.replace('_', ' ')} in the record"
+    if readings and "codes" in readings[-1].found.values:
+        of_codes(ax, readings[-1], unit)
+        return "How wide its codes are"
     if readings:
         of_values(ax, d, readings[-1], unit)
         return "The values themselves"

@@ -140,5 +140,5 @@ def _strange(effects):
             yield f"{one.name} is left out: {one.effect.equation}"
         elif one.name in ("noise_step", "walk_step"):
             yield f"{one.name}: the louder side counts for the whole"
-        elif one.name == "stuck":
-            yield "stuck is left out"
+        elif one.name in ("stuck", "repeated_samples", "differential_nonlinearity"):
+            yield f"{one.name} is left out"

@@ -327,6 +327,16 @@ def quantize(scene, y, lsb):
         y[:] = origin + lsb * np.round((y - origin) / lsb)
 
 
+def convert(scene, y, codes):
+    """What lies within the codes of a converter, (value, width) each, becomes the value
+    of its code; they are half a spacing about their values, were they all as wide.
+    """
+    value, width = np.transpose(codes)
+    ends = value[0] - 0.5 * (value[1] - value[0]) + np.cumsum([0.0, *width])
+    inside = (y >= ends[0]) & (y < ends[-1])
+    y[inside] = value[np.searchsorted(ends, y[inside], "right") - 1]
+
+
 def _saturate(scene, y, limits):
     np.clip(y, *limits, out=y)
 
@@ -682,6 +692,12 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="lsb round(y / lsb); lsb in u",
            resembles="white noise",
            experiment="widen the word length, raise the gain"),
+    Effect("differential_nonlinearity", reading=convert,
+           equation="the value of the code of a converter within whose width y lies, "
+                    "with codes of (value, width), in u; all widths are lsb without it",
+           resembles="coarser quantization",
+           experiment="sweep the input slowly over the codes and count how often each "
+                      "is met (IEEE Std 1241)"),
     Effect("saturation", reading=_saturate,
            equation="y between two limits, in u",
            resembles="skewed noise",

@@ -123,8 +123,9 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     say("measuring where it differs", 2)
     had, seen = compared(raw, [one for one in simulator.pairs[0][1]
                                if one.effect.reading], simulated is not None)
-    full, known, free, bases = _without_known(simulator, raw, latent_mean(
-        raw.y, [r.found for r in seen]))
+    full, known, free, bases = _without_known(
+        simulator, raw, latent_mean(raw.y, [r.found for r in seen]),
+        any("codes" in r.found.values for r in seen))
     base = _with_readings(full, bases, free, had)
     alone = distance(full, base, trials, seed)
     own = None if simulated is None else Twins(full, base, simulated, seed)
@@ -285,11 +286,11 @@ def _with_ramps_as_effects(simulator):
     return Simulator(*map(tuple, zip(*pairs)))
 
 
-def _without_known(simulator, raw, latent=None):
-    """The scene less an offset, which is the `latent` mean if there is one, and less
-    what the simulator's signatures of known size add, these signatures, those of
-    unknown size as `Signature`, and the members of the simulator with a bias that the
-    record may have.
+def _without_known(simulator, raw, latent=None, centred=False):
+    """The scene less an offset, which is the `latent` mean if there is one, or the
+    mean if it is to be `centred` or is far from zero, and less what the simulator's
+    signatures of known size add, these signatures, those of unknown size as
+    `Signature`, and the members of the simulator with a bias that the record may have.
     """
     known, free, added = [], [], np.zeros(len(raw.y))
     for one in simulator.pairs[0][1]:
@@ -312,7 +313,7 @@ def _without_known(simulator, raw, latent=None):
         bases = tuple(_with_bias(h, max(h.bias_sigma, abs(mean))) for h in bases)
     if latent is not None and any(h.bias_sigma for h in bases):
         offset = latent - float(np.mean(added))
-    elif abs(mean) > FAR_FROM_ZERO * spread:
+    elif centred or abs(mean) > FAR_FROM_ZERO * spread:
         offset = mean
     # its prior is flat where the bias may be: less the mean of the record, a flat one
     # about zero says the same, and squares keep their digits

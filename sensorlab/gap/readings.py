@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import next_fast_len
+from scipy.interpolate import BSpline
 from scipy.optimize import minimize
-from scipy.special import log_ndtr, xlogy
+from scipy.special import gammaln, log_ndtr, logsumexp, xlogy
 
 from sensorid import brief
 from sensorlab.gap.catalogue import CATALOGUE, lattice, lattice_between
@@ -42,8 +43,8 @@ ROUNDING = 1e-9       # of the white noise: equal but for rounding
 
 
 def readings(scene):
-    """Quantization, saturation, repeated and stuck samples of a record from which
-    nothing was taken away, as a tuple of Reading.
+    """Quantization, uneven codes, saturation, repeated and stuck samples of a record
+    from which nothing was taken away, as a tuple of Reading.
     """
     y, N, seen = scene.y, len(scene.y), []
     own = _own_rate(y)
@@ -70,6 +71,10 @@ def readings(scene):
     if lsb > COARSE * noise:
         seen.append(Reading(_found("quantization", lsb=lsb), COINCIDENCE * N,
                             np.zeros(N, bool), bool(lsb > HIDING * noise), bool(moved)))
+        codes, log_bayes = _codes(y[~(clipped | stuck)], lsb)
+        if codes and not moved:
+            seen.append(Reading(_found("differential_nonlinearity", codes=codes),
+                                log_bayes, np.zeros(N, bool), False))
     return tuple(seen)
 
 
@@ -107,9 +112,9 @@ WRONG = dict(    # which value of a reading may be wrong, and all where it does 
 
 def _alike(own, seen):
     """Is a reading of the simulator that of the record? Where samples stick or begin to
-    repeat may differ.
+    repeat may differ, and which codes are met.
     """
-    return all(symbol in ("spans", "phase")
+    return all(symbol in ("spans", "phase", "codes")
                or np.allclose(value, seen[symbol], rtol=ALIKE)
                for symbol, value in own.items())
 
@@ -313,6 +318,72 @@ def _tie_by_chance(start, length, samples):
         return len(once) / samples
     # half of the distances are beyond the median; there are parts without ties, too
     return 1.0 - 0.5**(1.0 / np.median(np.diff(once)))
+
+
+SMOOTH_OVER = 2.0    # codes: noise of as many makes the law of the values smooth over
+                     # them
+CALM, CALMEST = 64, 0.05    # samples, and the share of such parts of a record whose
+                            # noise must be so large
+MOST_CODES = 1000    # about the median, that are looked at
+FAR = 0.001          # of the samples, at either end, that are not
+UNEVEN = np.geomspace(1.0, 100.0, 17)    # 1 / variance of widths, in lsb^2
+
+
+def _codes(y, lsb):
+    """Codes [value, width] of a converter, and the log odds that their widths are not
+    all the same; [] if nothing speaks for it.
+
+    A code is met the more often the wider it is (J. Doernberg, H.-S. Lee, D. A. Hodges,
+    "Full-speed testing of A/D converters", IEEE J. Solid-State Circuits 19, 1984), and
+    noise over several codes makes the law of the values smooth, whatever else is in
+    them: counts are Poisson about it, or about it times widths of a gamma law.
+    """
+    y = y[~np.isnan(y)]
+    step = np.abs(np.diff(y))[:(len(y) - 1) // CALM * CALM]
+    mean = step.reshape(-1, min(CALM, len(step))).mean(1) if len(step) else [0.0]
+    if SMOOTH_OVER * lsb > np.quantile(mean, CALMEST) * math.sqrt(math.pi) / 2.0:
+        return [], 0.0
+    first, middle, last = np.quantile(y, [FAR, 0.5, 1.0 - FAR], method="nearest")
+    reach = lsb * (MOST_CODES // 2)
+    near = y[(y >= max(first, middle - reach)) & (y <= min(last, middle + reach))]
+    first = near.min()
+    count = np.bincount(np.round((near - first) / lsb).astype(int))
+    smooth = _smooth_law(count)
+    scale = UNEVEN[:, None]
+    gain = (gammaln(scale + count) - gammaln(scale) + scale * np.log(scale)
+            - (scale + count) * np.log(scale + smooth) + smooth).sum(1)
+    log_bayes = logsumexp(gain) - np.log(len(gain))
+    if log_bayes < CERTAIN:
+        return [], 0.0
+    best = UNEVEN[gain.argmax()]
+    width = (best + count) / (best + smooth)
+    # a code ends where as much of the smooth law lies below as its width says
+    below = np.cumsum([0.0, *smooth])
+    own = np.cumsum([0.0, *width * smooth])
+    ends = np.interp(own * below[-1] / own[-1], below, np.arange(len(below)))
+    return np.column_stack([first + lsb * np.arange(len(count)),
+                            lsb * np.diff(ends)]).tolist(), float(log_bayes)
+
+
+def _smooth_law(count):
+    """Expected counts (n,) of codes under a law whose logarithm is a cubic spline with
+    knots SMOOTH_OVER codes apart.
+    """
+    n = len(count)
+    knots = np.linspace(-0.5, n - 0.5, 2 + int(n / SMOOTH_OVER))
+    basis = BSpline.design_matrix(np.arange(float(n)), np.pad(knots, 3, mode="edge"),
+                                  3).toarray()
+    at = np.linalg.lstsq(basis, np.log(count + 0.5), rcond=None)[0]
+    for _ in range(NEWTON_STEPS):
+        law = np.exp(basis @ at)
+        slope = basis.T @ (count - law) - FLAT * at
+        at += np.linalg.solve(basis.T @ (law[:, None] * basis)
+                              + FLAT * np.eye(len(at)), slope)
+    return np.exp(basis @ at)
+
+
+NEWTON_STEPS = 20
+FLAT = 1e-3    # weight of a prior of the coefficients: where nothing was counted
 
 
 def as_read(full, seen):

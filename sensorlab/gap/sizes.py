@@ -60,7 +60,7 @@ def odds(log_bayes):
 
 SECONDS = ("onset", "duration", "quiet", "tau", "dwell", "vertex", "tau_m", "tau_n")
 OF_THE_RECORD = ("size", "amplitude", "sigma", "sigma_v", "sigma_m", "sigma_n", "lsb",
-                 "limits")
+                 "limits", "codes")
 
 
 def unit_of(symbol, unit, column=""):
@@ -91,14 +91,23 @@ def values_text(values, unit, column="", dt=None):
             parts.append(f"{symbol} {mean}")
             continue
         if isinstance(mean, list):
-            shown = (" to ".join(map(number, mean)) if symbol == "limits"
-                     else f"{len(mean)} of them")
+            shown = _shown(symbol, mean)
         else:
             shown = measured(mean, sd)
         parts.append(f"{symbol} {shown} {unit_of(symbol, unit, column)}".rstrip())
         if dt and symbol == "factor":
             parts.append(looks_like(mean, sd, dt))
     return ", ".join(filter(None, parts))
+
+
+def _shown(symbol, values):
+    """A list of values of a reading as text."""
+    if symbol == "limits":
+        return " to ".join(map(number, values))
+    if symbol == "codes":
+        _, width = np.transpose(values)
+        return f"{len(values)} of width {number(width.min())} to {number(width.max())}"
+    return f"{len(values)} of them"
 
 
 FACTORS = {9.80665: "g taken for m/s^2", 57.29578: "deg taken for rad",

@@ -31,6 +31,7 @@ PHRASES = dict(
     walk_step="a change of what drives the random walk",
     outliers="outliers", noise_bursts="bursts of noise",
     random_telegraph="random telegraph noise", random_steps="random steps",
+    differential_nonlinearity="codes of uneven width (differential nonlinearity)",
     quantization="quantization", saturation="saturation", stuck="stuck samples",
     wrong_parameter="the right value of a parameter",
     unknown="something that no effect of the catalogue explains")

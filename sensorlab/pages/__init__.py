@@ -225,7 +225,9 @@ def _figures(d, seen, unit):
     result["added"] = [_drawn(3.4, panels.of_added, added)
                        for added in seen.added[:MOST_ADDED]]
     result["samples"] = [_drawn(3.0, panels.of_values, d, one, unit)
-                         for one in readings]
+                         for one in readings if "codes" not in one.found.values]
+    result["codes"] = [_drawn(3.0, panels.of_codes, one, unit)
+                       for one in readings if "codes" in one.found.values]
     result["residuals"] = [_drawn(3.2, panels.of_residuals, d, seen)] * others
     return result
 
