@@ -88,3 +88,16 @@ def test_published_noise_14_times_too_large_is_a_wrong_parameter(real):
     factor, sd = d.found[0].values["factor"]
     assert factor == pytest.approx(density / published, rel=0.1)
     assert "root of the rate" in sizes.looks_like(factor, 0.1 * factor, 1.0 / rate)
+
+
+@pytest.mark.large
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_codes_of_an_accelerometer_are_of_uneven_width(real, axis):
+    with np.load(real / "xsens_mti_multipos.npz") as z:
+        first, second = z["accel_counts"][axis, :4800].astype(float).reshape(2, -1)
+    d = sensorlab.diagnose(first, 0.01, sensorid.default_hypotheses(first, 0.01))
+    assert {"quantization", "differential_nonlinearity"} <= {*d.verdict.split("+")}
+    assert "unknown" not in d.verdict and d.closure.closed > 0.7
+    simulator = sensorlab.simulator_from(first[None], 0.01)
+    again = sensorlab.diagnose(second, 0.01, simulator, simulated=first[None])
+    assert again.verdict in ("none", "undecided")

@@ -15,8 +15,9 @@ EFFECTS = (
     "scale_factor", "nonlinearity", "latency", "g_sensitivity", "covariate",
     "hysteresis", "random_walk", "correlated_noise", "bias_instability",
     "narrow_band_noise", "bandwidth", "blue_noise", "noise_step", "walk_step",
-    "outliers", "noise_bursts", "random_telegraph", "random_steps",
-    "quantization", "differential_nonlinearity", "saturation", "stuck", "repeated_samples", "wrong_parameter")
+    "outliers", "noise_bursts", "random_telegraph", "random_steps", "quantization",
+    "differential_nonlinearity", "saturation", "stuck", "repeated_samples",
+    "wrong_parameter")
 
 RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
           "PX4 or .bin of ArduPilot")
