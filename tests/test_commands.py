@@ -167,6 +167,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify r.npz --csv o.csv --workers 2", "does nothing beside one record"),
     ("diagnose r.npz --workers 1 --out d", "--workers does nothing beside one record"),
     ("diagnose r.npz --workers 2 --checkpoint d", "does nothing beside one record"),
+    ("simulate m.json --samples 9 --out s.csv", "s.csv: simulated records are arrays"),
     ("simulate m.json --samples 9 --dt 2 --out s.npz", "m.json is for dt = 1 s, not"),
     ("simulate m.json --samples 9 --from 2 --out s.npz", "--from goes with --like"),
     ("simulate m.json --samples 9 --average 2 --out s.npz", "--average goes with"),

@@ -1,5 +1,7 @@
 """python -m sensorid simulate"""
 
+import pathlib
+
 import numpy as np
 
 from sensorid import write_whole
@@ -13,6 +15,9 @@ from sensorlab.modelfiles import check_onsets, read_model
 def run(options):
     model = read_model(options.model, options.dt)
     check_outputs([options.model, options.like], options.out)
+    if pathlib.Path(options.out).suffix.lower() not in ("", ".npz"):
+        raise ValueError(f"{options.out}: simulated records are arrays of a .npz file; "
+                         f"name it {pathlib.Path(options.out).stem}.npz")
     needed = sorted({one.column for _, effects in model.simulator.pairs
                      for one in effects} - {""})
     if options.like:
