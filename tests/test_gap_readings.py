@@ -157,6 +157,59 @@ def test_a_sensor_that_is_polled_too_fast_is_named_beside_its_noise():
     assert "repeated_samples" not in d.verdict    # the simulator has it
 
 
+def held_at_random(y, share, rng):
+    """Values that are those before them once more with a probability."""
+    y = y.copy()
+    for i in np.flatnonzero(rng.random(len(y)) < share):
+        y[i] = y[i - 1] if i else y[i]
+    return y
+
+
+@pytest.mark.parametrize("share, lsb", [
+    (0.02, 0.0), (0.3, 0.0), (0.1, 0.06), (0.1, 0.15), (0.25, 0.2)])
+def test_samples_that_repeat_at_random_are_read(share, lsb):
+    rng = np.random.default_rng(7)
+    y = 0.5 * rng.standard_normal(4000) + np.cumsum(0.05 * rng.standard_normal(4000))
+    y = held_at_random(lsb * np.round(y / lsb) if lsb else y, share, rng)
+    one, *others = readings.readings(Scene(y, DT, {}))
+    assert one.found.name == "repeated_samples" and one.found.values["phase"] is None
+    assert [r.found.name for r in others] == ["quantization"] * (lsb > 0)
+    sd = np.sqrt(np.mean(np.diff(y) == 0.0) / 4000)
+    assert one.found.values["frequency"] == pytest.approx(
+        (1.0 - share) / DT, abs=4.0 * sd)
+    d = sensorlab.diagnose(y, DT, MODEL[:1])
+    assert d.verdict == "+".join(r.found.name for r in (one, *others))
+    assert d.after.p_value > 0.01
+    assert "repeated_samples" not in sensorlab.diagnose(
+        y, DT, sensorlab.augmented(d)).verdict
+
+
+def test_a_simulator_repeats_samples_at_random_where_no_record_does():
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    one = Found(CATALOGUE["repeated_samples"], values=dict(frequency=0.7, phase=None))
+    simulator, empty = Simulator((h,), ((one,),)), Scene(np.zeros(8000), 1.0, {})
+    y = sensorlab.simulate_effects(simulator, empty, 3, seed=1).error
+    same = np.diff(y) == 0.0
+    assert_allclose(same.mean(1), 0.3, atol=0.02)    # sd 0.005
+    assert np.mean(same[0] & same[1]) == pytest.approx(0.09, abs=0.015)
+    assert (sensorlab.simulate_effects(simulator, empty, 1, seed=1, first=2).error[0]
+            == y[2]).all()
+
+
+def test_values_that_are_equal_by_chance_do_not_repeat():
+    rng = np.random.default_rng(8)
+    y = rng.standard_normal(4000)
+    low = lfilter([0.2], [1.0, -0.8], y)
+    quiet = y * np.repeat(np.exp(rng.standard_normal(40)), 100)
+    part = np.round(3.0 * y)
+    part[2500:] += 0.3 * rng.standard_normal(1500)
+    uneven = converted(3.0 * y)
+    for other in (np.round(3.0 * y), np.round(8.0 * low), np.round(4.0 * quiet), part,
+                  np.round(rng.laplace(0.0, 3.0, 4000)), uneven, np.round(0.3 * y)):
+        assert "repeated_samples" not in [
+            r.found.name for r in readings.readings(Scene(other, DT, {}))]
+
+
 def test_uneven_polling_shows_a_rate_but_ties_without_pattern_none():
     rng = np.random.default_rng(6)
     y = rng.standard_normal(4000)
@@ -164,11 +217,8 @@ def test_uneven_polling_shows_a_rate_but_ties_without_pattern_none():
     (one,) = readings.readings(Scene(y[np.unique(at, return_index=True)[1]][
         np.searchsorted(np.unique(at), at)], DT, {}))
     assert one.found.values["frequency"] == pytest.approx(0.67, rel=1e-3)
-    held = y.copy()
-    for i in rng.choice(np.arange(1, 4000), 400, replace=False):
-        held[i] = held[i - 1]
     ramp = np.round(0.31 * np.arange(4000) + 0.01 * y)    # a step now and then
-    for other in (held, 0.5 * np.round(2.0 * y), ramp, np.round(0.02 * ramp + y)):
+    for other in (0.5 * np.round(2.0 * y), ramp, np.round(0.02 * ramp + y)):
         assert "repeated_samples" not in [
             r.found.name for r in readings.readings(Scene(other, DT, {}))]
 

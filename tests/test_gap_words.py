@@ -64,6 +64,8 @@ def test_sizes_of_two_effects_of_one_name_are_both_said():
     stuck = found("stuck", spans=([[3.0, 9], [40.0, 7]], 0.0))
     assert sizes.sizes([clipped, stuck], "mg", DT) == (
         "saturation: limits -inf to 2.5 mg; stuck: spans 2 of them")
+    again = found("repeated_samples", frequency=(70.0, 0.0), phase=(None, 0.0))
+    assert sizes.sizes([again], "mg", DT) == "frequency 70 Hz, at random"
     codes = found("differential_nonlinearity", codes=([[3.0, 1.5], [4.0, 0.5]], 0.0))
     assert sizes.sizes([codes], "mg", DT) == "codes 2 of width 0.5 to 1.5 mg"
 

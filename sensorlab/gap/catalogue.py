@@ -348,9 +348,55 @@ def _stick(scene, y, spans):
 
 
 def repeat(scene, y, frequency, phase):
-    """Every sample becomes the last that a sensor of a rate of its own has given."""
-    number = np.floor(frequency * scene.time + phase / (2.0 * np.pi))
-    y[:] = y[..., np.searchsorted(number, number)]
+    """Every sample becomes the last that a sensor of a rate of its own has given. With
+    no phase it gives them at random: where the scene's record has them if it has.
+    """
+    if phase is not None:
+        number = np.floor(frequency * scene.time + phase / (2.0 * np.pi))
+        y[:] = y[..., np.searchsorted(number, number)]
+        return
+    own = repeated_at_random(scene.y + scene.known)
+    for one in y.reshape(-1, y.shape[-1]):    # a view
+        # a seed of its own numbers: whatever records are made with it, it is the same
+        rng = np.random.default_rng(one[:OWN_SEED].copy().view(np.uint64))
+        again = own if own.any() else rng.random(len(one)) > frequency * scene.dt
+        one[:] = one[np.maximum.accumulate(np.where(again, 0, np.arange(len(one))))]
+
+
+OWN_SEED = 16       # samples
+FEWEST = 8          # repeated samples that show a rate
+CERTAIN = 15.0      # nats by which more than by chance are equal to the last
+MOSTLY_NEW = 1.5    # times as many as by chance that must be, to tell where they are
+EARLIER = range(4, 10)   # samples, to values that equal one by chance
+
+
+def repeated_at_random(y):
+    """Samples (N,) of a record that are the last one once more; none, where chance
+    explains those that equal it, or they come in spans or in parts of the record.
+
+    Where values lie on a lattice, some are equal by chance, which is as likely as that
+    they equal an earlier one, the likelier the nearer they are. Which of them these
+    are says nothing: as many as there are by chance are left out at random.
+    """
+    none, low, high = np.zeros(len(y), bool), np.nanmin(y), np.nanmax(y)
+    same = np.append(False, np.diff(y) == 0.0) & (low < y) & (y < high)    # not clipped
+    count = int(same.sum())
+    fresh = y[~same & ~np.isnan(y)]
+    if count < FEWEST or len(fresh) <= max(FEWEST, *EARLIER):
+        return none
+    lsb, near = lattice(fresh), np.abs(np.diff(fresh)).mean()
+    earlier = [np.abs(y[lag:] - y[:-lag]) for lag in EARLIER]
+    chance = np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / near for d in earlier])
+    share = count / len(y)
+    spans = np.sum(same[1:] & ~same[:-1])
+    parts = [part.sum() for part in np.array_split(same, 4)]
+    if (count < MOSTLY_NEW * chance or noise_where_calm(fresh) < SMOOTH_OVER * lsb
+            or count * np.log(count / max(chance, 1e-9)) < count - chance + CERTAIN
+            or spans < 0.5 * count * (1.0 - share) or min(parts) < count / 16
+            or not lsb and (lattice(y[same]) or lattice_between(fresh))):
+        return none
+    keep = np.random.default_rng(0).random(len(y)) > chance / count
+    return same & keep
 
 
 CONCENTRATED = 0.9    # of a lattice: digits may blur it by a quarter of its spacing
@@ -466,6 +512,19 @@ def _refined(values, lsb):
         if number.any():
             lsb = float(own @ number / (number @ number))
     return float(lsb)
+
+
+SMOOTH_OVER = 2.0    # spacings: noise of as many makes the law of values smooth over
+                     # them
+CALM, CALMEST = 64, 0.05    # samples of a part, and the share of parts that are calm
+
+
+def noise_where_calm(y):
+    """Standard deviation of the white noise in the calmest parts of a record."""
+    step = np.abs(np.diff(y))[:(len(y) - 1) // CALM * CALM]
+    if not len(step):
+        return 0.0
+    return np.quantile(step.reshape(-1, CALM).mean(1), CALMEST) * np.sqrt(np.pi) / 2.0
 
 
 def snapped(y):
@@ -708,7 +767,8 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="compare the counters of sensor and logger"),
     Effect("repeated_samples", reading=repeat,
            equation="y is what the sensor gave last, which samples at frequency, in "
-                    "Hz, below that of the record; phase, in rad, at the first",
+                    "Hz, below that of the record; phase, in rad, at the first; none "
+                    "if it samples at random",
            resembles="stuck samples, quantization",
            experiment="compare the counters of sensor and logger, poll faster"),
     Effect("wrong_parameter", factor=1000.0,

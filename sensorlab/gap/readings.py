@@ -10,7 +10,9 @@ from scipy.optimize import minimize
 from scipy.special import gammaln, log_ndtr, logsumexp, xlogy
 
 from sensorid import brief
-from sensorlab.gap.catalogue import CATALOGUE, lattice, lattice_between
+from sensorlab.gap.catalogue import (
+    CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between, noise_where_calm,
+    repeated_at_random)
 from sensorlab.gap.effects import Found
 
 
@@ -53,7 +55,13 @@ def readings(scene):
         seen.append(Reading(_found("repeated_samples", frequency=rate / scene.dt,
                                    phase=2.0 * np.pi * phase),
                             COINCIDENCE * float(repeated.sum()), repeated, False))
-        y = np.where(repeated, np.nan, y)
+    else:
+        repeated = repeated_at_random(y)
+        if repeated.any():
+            rate = float(1.0 - repeated.mean()) / scene.dt
+            seen.append(Reading(_found("repeated_samples", frequency=rate, phase=None),
+                                COINCIDENCE * float(repeated.sum()), repeated, False))
+    y = np.where(repeated, np.nan, y)
     lsb, noise = lattice_and_noise(y)
     moved = lattice_between(y) if not lsb else 0.0
     if moved:
@@ -89,7 +97,7 @@ def compared(scene, own, measured):
     for one in own:
         name, shown = one.name, seen.get(one.name)
         mine = Reading(one, 0.0, np.zeros(len(scene.y), bool), False)
-        if shown and _alike(one.values, shown.found.values):
+        if shown and _alike(one.values, shown.found.values, len(scene.y)):
             had[name] = seen[name] = shown._replace(log_bayes=0.0)
         elif not shown and measured and name == "quantization" and adds_noise(
                 scene.y, one.values["lsb"]):
@@ -110,12 +118,12 @@ WRONG = dict(    # which value of a reading may be wrong, and all where it does 
         frequency=1.0 / scene.dt, phase=np.pi)))
 
 
-def _alike(own, seen):
-    """Is a reading of the simulator that of the record? Where samples stick or begin to
-    repeat may differ, and which codes are met.
+def _alike(own, seen, samples):
+    """Is a reading of the simulator that of a record of so many samples? Where samples
+    stick or repeat may differ, and which codes are met.
     """
     return all(symbol in ("spans", "phase", "codes")
-               or np.allclose(value, seen[symbol], rtol=ALIKE)
+               or np.allclose(value, seen[symbol], rtol=ALIKE + 2.0 / np.sqrt(samples))
                for symbol, value in own.items())
 
 
@@ -214,8 +222,6 @@ def latent_mean(y, found):
                           method="Nelder-Mead").x[0])
 
 
-FEWEST = 8         # repeated samples that show a rate
-CERTAIN = 15.0     # nats that their pattern must gain
 REGULAR = 0.75     # of the samples that a rate repeats are equal, if it is one: which
                    # is repeated where both meet may be chance
 HARMONICS = 3      # of the rate that the largest line may be
@@ -320,10 +326,6 @@ def _tie_by_chance(start, length, samples):
     return 1.0 - 0.5**(1.0 / np.median(np.diff(once)))
 
 
-SMOOTH_OVER = 2.0    # codes: noise of as many makes the law of the values smooth over
-                     # them
-CALM, CALMEST = 64, 0.05    # samples, and the share of such parts of a record whose
-                            # noise must be so large
 MOST_CODES = 1000    # about the median, that are looked at
 FAR = 0.001          # of the samples, at either end, that are not
 UNEVEN = np.geomspace(1.0, 100.0, 17)    # 1 / variance of widths, in lsb^2
@@ -339,9 +341,7 @@ def _codes(y, lsb):
     them: counts are Poisson about it, or about it times widths of a gamma law.
     """
     y = y[~np.isnan(y)]
-    step = np.abs(np.diff(y))[:(len(y) - 1) // CALM * CALM]
-    mean = step.reshape(-1, min(CALM, len(step))).mean(1) if len(step) else [0.0]
-    if SMOOTH_OVER * lsb > np.quantile(mean, CALMEST) * math.sqrt(math.pi) / 2.0:
+    if noise_where_calm(y) < SMOOTH_OVER * lsb:
         return [], 0.0
     first, middle, last = np.quantile(y, [FAR, 0.5, 1.0 - FAR], method="nearest")
     reach = lsb * (MOST_CODES // 2)

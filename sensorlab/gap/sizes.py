@@ -90,6 +90,9 @@ def values_text(values, unit, column="", dt=None):
         if isinstance(mean, str):
             parts.append(f"{symbol} {mean}")
             continue
+        if mean is None:    # a phase
+            parts.append("at random")
+            continue
         if isinstance(mean, list):
             shown = _shown(symbol, mean)
         else:
