@@ -160,7 +160,9 @@ def test_an_interrupt_leaves_what_is_finished_and_no_process(imu):
     line = [sys.executable, sensorid.__file__, *"diagnose imu.csv --channel all "
             "--checkpoint kept --workers 2".split()]
     started = subprocess.Popen(line, stderr=subprocess.PIPE, text=True)
-    time.sleep(6.0)
+    kept = pathlib.Path("kept")
+    while not (kept.is_dir() and any(kept.iterdir())) and started.poll() is None:
+        time.sleep(0.02)
     started.send_signal(signal.SIGINT)
     error = started.communicate()[1]
     assert error.startswith("sensorid: interrupted; what is finished is kept in kept")

@@ -23,6 +23,7 @@ LEAST_NODES = 4           # at a time: for each such part all signatures are lai
 NODES = 32            # of a posterior: its evidence is then good to 0.2 nat
 MAX_ADDED = 3         # signatures whose posteriors give nodes
 RESCUED = 15.0        # nats below the best, by which nodes of its own may lift one
+UNSEEN = 1e6          # times as uncertain as the surest: no sample that is seen shows it
 MOST_NEAR = 4096      # signatures whose sizes are averaged
 SLIGHT = 1e-3         # share of a hypothesis that need not be asked for a size
 
@@ -206,8 +207,8 @@ def _sizes(h, scene, signatures, family, theta, share):
         one = solve(h, scene, signatures, theta[times.argmax()][None])
         family = refined(scene, family, one)
     found = scores(scene, family, solve(h, scene, signatures, theta))
-    best = found.gain.max(0)
-    near = np.flatnonzero(best > best.max() - 60.0)
+    best, sd = found.gain.max(0), found.sd.min(0)
+    near = np.flatnonzero((best > best.max() - 60.0) & (sd < UNSEEN * sd.min()))
     if len(near) > MOST_NEAR:    # nothing stands out of so many
         near = np.sort(near[np.argsort(-best[near], kind="stable")[:MOST_NEAR]])
     each = log_bayes(found.gain[:, near], found.k)
