@@ -23,7 +23,7 @@ LEAST_NODES = 4           # at a time: for each such part all signatures are lai
 NODES = 32            # of a posterior: its evidence is then good to 0.2 nat
 MAX_ADDED = 3         # signatures whose posteriors give nodes
 RESCUED = 15.0        # nats below the best, by which nodes of its own may lift one
-UNSEEN = 1e6          # times as uncertain as the surest: no sample that is seen shows it
+UNSEEN = 1e6          # times as uncertain as the surest: no sample shows it
 MOST_NEAR = 4096      # signatures whose sizes are averaged
 SLIGHT = 1e-3         # share of a hypothesis that need not be asked for a size
 
