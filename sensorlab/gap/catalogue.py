@@ -50,10 +50,16 @@ DECAYS = 3.0    # time constants until what decays is said to be over: 5 % are l
 
 def _from(scene, onset, duration, law):
     """Column (N, 1) of a law of the time since an onset, for so long, 0 else."""
-    column, early = np.zeros((len(scene.y), 1)), 1e-9 * scene.dt
-    own = slice(*np.searchsorted(scene.time, [onset - early, onset + duration - early]))
-    column[own, 0] = law(np.maximum(scene.time[own] - onset, 0.0))
+    column, (own, since) = np.zeros((len(scene.y), 1)), _since(scene, onset, duration)
+    column[own, 0] = law(since)
     return column
+
+
+def _since(scene, onset, duration):
+    """Samples from an onset on, for so long, and the time of each since then."""
+    early = 1e-9 * scene.dt
+    own = slice(*np.searchsorted(scene.time, [onset - early, onset + duration - early]))
+    return own, np.maximum(scene.time[own] - onset, 0.0)
 
 
 def _ringing(scene, x, psi):
@@ -70,8 +76,10 @@ def _burst(scene, x, psi):
 
 def _waves(scene, onset, duration, frequency, envelope):
     """Cosine and sine (N, 2) in an envelope, from an onset on, for so long."""
-    return np.hstack([_from(scene, onset, duration, lambda t: envelope(t) * wave(
-        2.0 * np.pi * frequency * t)) for wave in (np.cos, np.sin)])
+    columns, (own, since) = np.zeros((len(scene.y), 2)), _since(scene, onset, duration)
+    size, phase = envelope(since), 2.0 * np.pi * frequency * since
+    columns[own, 0], columns[own, 1] = size * np.cos(phase), size * np.sin(phase)
+    return columns
 
 
 def _parabola(scene, x, psi):
