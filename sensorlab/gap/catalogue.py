@@ -386,6 +386,12 @@ def repeated_at_random(y):
     they equal an earlier one, the likelier the nearer they are. Which of them these
     are says nothing: as many as there are by chance are left out at random.
     """
+    return _repeated_in(np.asarray(y, float).tobytes())
+
+
+@functools.lru_cache(maxsize=2)    # every block of simulated records asks for it
+def _repeated_in(y):
+    y = np.frombuffer(y)
     none, low, high = np.zeros(len(y), bool), np.nanmin(y), np.nanmax(y)
     same = np.append(False, np.diff(y) == 0.0) & (low < y) & (y < high)    # not clipped
     count = int(same.sum())
