@@ -101,6 +101,30 @@ def test_outliers_in_white_noise_are_an_independent_mixture():
     assert_allclose(norm.cdf(p.z[0, 0]), cdf, rtol=1e-9)
 
 
+@pytest.mark.parametrize("names", [("outliers",), ("noise_step", "outliers")])
+def test_unrolled_filters_of_outliers_are_the_general_ones(short, names, monkeypatch):
+    scene, *_ = short
+    h = member(scene, paper_case(3)[1], *names)
+    u = np.random.default_rng(1).uniform(0.1, 0.9, (6, len(h.parameters)))
+    theta = sensorid.at_quantiles(h.parameters, u)
+    found = filters.Signature(Found(CATALOGUE["sinusoid"]), np.column_stack(
+        [np.cos(0.3 * scene.time), np.sin(0.3 * scene.time)]), 2.0)
+    y = scene.y + np.random.default_rng(2).standard_normal((3, 200))
+    y[1, 190:] = np.nan
+    y[2, ::20] += 9.0
+
+    def answers():
+        return (filters.predict(h, scene, (found,), theta, y),
+                filters.predict(h, scene, (found,), theta, y, whole=False).z,
+                filters.log_likelihoods(h, scene, (found,), theta))
+    unrolled = answers()
+    monkeypatch.setattr(mixtures, "UNROLLED", 0)
+    for one, other in zip(unrolled, answers()):
+        for part, expected in zip(one, other) if isinstance(one, tuple) else (
+                (one, other),):
+            assert_allclose(part, expected, rtol=1e-9, atol=1e-11)
+
+
 def test_tail_is_that_of_the_normal_law_as_far_as_there_are_numbers():
     score = np.linspace(0.0, 37.0, 2001)
     expected = norm.sf(score)

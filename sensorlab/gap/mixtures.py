@@ -37,6 +37,12 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
     total = np.empty((len(y), own.shape[1]))
     levels = 2 if jump[:, 2:].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
+    n = len(pair)
+    if (levels, kinds) == (1, 2) and n <= UNROLLED and not len(later) and (
+            pair == np.arange(n)).all():
+        in_threads(_filter_outliers, groups(total.size, LANES), (0,) * n, y, H, own, r,
+                   outlier, out, total)
+        return total
     lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
     in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y, H,
                own, pair, later, r, outlier, jump, out, total, moved)
@@ -197,6 +203,127 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             total[record[g], node[g]] = -log_f[g]
 
 
+UNROLLED = 6     # states that a filter of outliers has at most: LLVM unrolls no more
+STRETCH = 64     # samples whose probabilities are told at once
+
+
+@njit(**KERNEL)
+def _filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
+    """Groups of `mixture_filters` of outliers alone, of as many states as another, none
+    of them in pairs. Probabilities have samples for lanes.
+    """
+    N, M, n, rows = y.shape[1], own.shape[1], len(states), out.shape[2]
+    count, value = len(y) * M, 4 * n + n * n
+    kept, of_kind = value + 4, (1, STRETCH)
+    node, told = np.empty((value + 12) * LANES), np.empty((rows, STRETCH))
+    past, per_f = np.empty((LANES, 6, 1, STRETCH)), np.empty((2, *of_kind))
+    rate, always = np.empty(of_kind), np.ones(of_kind)
+    score, beyond = np.empty(STRETCH), np.empty(STRETCH)
+    for group in range(first, last):
+        begin, log_f = group * LANES, np.zeros(LANES)
+        number = min(LANES, count - begin)
+        both = np.minimum(begin + np.arange(LANES), count - 1)
+        record, at = both // M, both % M
+        for g in range(LANES):
+            for s in range(n):
+                node[s * LANES + g] = own[0, at[g], s]
+                node[(n + s) * LANES + g] = own[2, at[g], s]
+                node[(2 * n + s) * LANES + g] = 0.0
+                for t in range(n):
+                    node[(3 * n + s * n + t) * LANES + g] = (
+                        own[4, at[g], s] if s == t else 0.0)
+            for k in range(2):
+                node[(value + 2 + k) * LANES + g] = outlier[at[g], k]
+            node[(kept + 6) * LANES + g], node[(kept + 7) * LANES + g] = 0.0, 1.0
+        for i in range(N):
+            for g in range(LANES):
+                node[value * LANES + g] = y[record[g], i]
+            if i == 0 or r.shape[1] > 1:
+                for g in range(LANES):
+                    node[(value + 1) * LANES + g] = r[at[g], i]
+            _outliers_unrolled(H, i, states, node)
+            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
+                for g in range(LANES):
+                    log_f[g] -= np.log(node[(kept + 7) * LANES + g])
+                    node[(kept + 7) * LANES + g] = 1.0
+            j = i % STRETCH
+            for g in range(number if rows else 0):
+                for k in range(6 if rows > 2 else 3):
+                    past[g, k, 0, j] = node[(kept + k) * LANES + g]
+            for g in range(number if rows and (j == STRETCH - 1 or i == N - 1) else 0):
+                e, near, here, wild = past[g, 0], past[g, 3, 0], past[g, 4], past[g, 5]
+                for k in range(STRETCH):
+                    rate[0, k] = outlier[at[g], 0]
+                    per_f[0, 0, k], per_f[1, 0, k] = past[g, 1, 0, k], past[g, 2, 0, k]
+                _probabilities_beside(rate, always, per_f, e, score, beyond, told)
+                if rows > 2:
+                    _odd_and_log_score(here, wild, here[0], near, always[0], told)
+                for row in range(rows):
+                    for k in range(j + 1):
+                        if not np.isnan(y[record[g], i - j + k]):
+                            out[record[g], at[g], row, i - j + k] = told[row, k]
+        for g in range(number):
+            total[record[g], at[g]] = -log_f[g] - node[(kept + 6) * LANES + g]
+
+
+@njit(**JIT)
+def _outliers_unrolled(H, i, states, node):
+    """A sample of a filter of outliers in all lanes, of as many states as another:
+    unrolled, and in one array, as `sensorid._gain_unrolled` is.
+
+    node has rows of LANES: Phi, Q and x (n) of states, P (n x n) and P h (n); value,
+    NaN where none is seen, R, and rate and variance of outliers; innovation, 1 / f of
+    either kind, least exponent, density over it, share of outliers; the sum of the
+    exponents so far and the product of the densities.
+    """
+    n = len(states)
+    x, P, Ph, value = 2 * n, 3 * n, 3 * n + n * n, 4 * n + n * n
+    r, rates, wider, kept = value + 1, value + 2, value + 3, value + 4
+    for g in range(LANES):
+        nu = node[value * LANES + g]
+        seen = 1.0 if nu == nu else 0.0
+        nu = nu if nu == nu else 0.0
+        for s in range(n):
+            for t in range(s + 1):
+                new = (node[s * LANES + g] * node[(P + s * n + t) * LANES + g]
+                       * node[t * LANES + g])
+                if s == t:
+                    new += node[(n + s) * LANES + g]
+                node[(P + s * n + t) * LANES + g] = new
+                node[(P + t * n + s) * LANES + g] = new
+        f = node[r * LANES + g]
+        for s in range(n):
+            own, new = 0.0, node[s * LANES + g] * node[(x + s) * LANES + g]
+            for t in range(n):
+                own += node[(P + s * n + t) * LANES + g] * H[i, t]
+            node[(Ph + s) * LANES + g], node[(x + s) * LANES + g] = own, new
+            f += H[i, s] * own
+            nu -= H[i, s] * new
+        nu *= seen
+        k, odd_k = 1.0 / f, 1.0 / (f + node[wider * LANES + g])
+        rate = node[rates * LANES + g]
+        # no sample is as far out for an outlier
+        near = 0.5 * odd_k * nu * nu
+        odd = rate * np.sqrt(odd_k)
+        both = odd + (1.0 - rate) * np.sqrt(k) * exponential(near - 0.5 * k * nu * nu)
+        share = odd / both
+        apart = k - odd_k
+        told = nu, k, odd_k, near, both, share
+        for row in range(6):
+            node[(kept + row) * LANES + g] = told[row]
+        node[(kept + 6) * LANES + g] += seen * (near + 0.5 * LOG_2PI)
+        node[(kept + 7) * LANES + g] *= seen * both + (1.0 - seen)
+        mean = seen * (k - share * apart)
+        shrink = mean - seen * share * (1.0 - share) * (apart * nu)**2
+        for s in range(n):
+            node[(x + s) * LANES + g] += node[(Ph + s) * LANES + g] * mean * nu
+            for t in range(s + 1):
+                new = node[(P + s * n + t) * LANES + g] - (
+                    node[(Ph + s) * LANES + g] * node[(Ph + t) * LANES + g] * shrink)
+                node[(P + s * n + t) * LANES + g] = new
+                node[(P + t * n + s) * LANES + g] = new
+
+
 @njit(**JIT)
 def _least_of_paths(half, least):
     """The least of each lane over its paths (paths, lanes), in all of them."""
@@ -355,6 +482,20 @@ TAIL = _series_of_tail()
 
 
 @njit(**JIT)
+def exponential(x):
+    """exp of a number from -708 to 0 to 1e-12 of it, for vectors, by the 1024th power
+    of its series; of less, as of -708.
+    """
+    x = (x if x > -708.0 else -708.0) / 1024.0
+    e = 1.0 + x * (1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (
+        1 / 720 + x * (1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * (
+            1 / 3628800 + x * (1 / 39916800 + x * (1 / 479001600))))))))))))
+    for _ in range(10):
+        e *= e
+    return e
+
+
+@njit(**JIT)
 def tail(score):
     """Probability of a normal score beyond one that is not negative, to 1e-9 of it: the
     function of a library takes one number at a time.
@@ -363,13 +504,8 @@ def tail(score):
     t, series = 1.0 / (1.0 + 0.25 * a), 0.0
     for k in range(len(TAIL)):
         series = series * (2.0 * t - 1.0) + TAIL[k]
-    # exp by the 1024th power of its series; beyond, numbers are too small to be fast
-    x = (-a * a if a < 26.4 else -26.4 * 26.4) / 1024.0
-    e = 1.0 + x * (1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (
-        1 / 720 + x * (1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * (
-            1 / 3628800 + x * (1 / 39916800 + x * (1 / 479001600))))))))))))
-    for _ in range(10):
-        e *= e
+    # beyond, numbers are too small to be fast
+    e = exponential(-a * a if a < 26.4 else -26.4 * 26.4)
     return 0.5 * t * series * e * (1.0 if a < 26.4 else 0.0)
 
 
