@@ -11,9 +11,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from sensorid import LOG_2PI, Bank, Modes, Sums, bank, brief, filter_bank, modes
-from sensorlab.gap.effects import Found
+from sensorlab.gap.effects import BLOCK, Found
 from sensorlab.gap.kernels import (
-    adjoint, dot, plain_gains, row_products, whiten, whiten_back)
+    LANES, adjoint, dot, plain_gains, row_products, whiten, whiten_back)
 from sensorlab.gap.mixtures import mixture_filters
 
 
@@ -39,15 +39,35 @@ class Predicted(NamedTuple):
     __repr__ = brief
 
 
+NOISES = 16 * BLOCK    # variances of white noise that changes that are held at a time
+
+
+def _not_too_long(h, scene, theta):
+    """Theta (M, p) as parts of which the white noise, if it changes, is not too long.
+    """
+    most = max(NOISES // len(scene.y), LANES)
+    if len(theta) <= most or _bank(h, scene, theta[:1]).r.size == 1:
+        return [theta]
+    return [theta[k:k + most] for k in range(0, len(theta), most)]
+
+
 def processes(h, scene, theta):
     """The one-state processes that a hypothesis is the sum of at theta (M, p), or that
-    have the covariance of such a sum; driven as on average over the record.
+    have the covariance of such a sum; driven, and in white noise, as on average over
+    the record.
     """
+    return Modes(*map(np.concatenate, zip(*(
+        _on_average(h, scene, part) for part in _not_too_long(h, scene, theta)))))
+
+
+def _on_average(h, scene, theta):
+    """`processes` of few nodes."""
     b, change = _bank(h, scene, theta), _change(h, scene, theta)
     if change:
         early = change.first / len(scene.y)
         b = _driven(b, change._replace(factor=early + (1.0 - early) * change.factor))
-    return _modes_of(h, b)
+    own = _modes_of(h, b)
+    return own._replace(r=own.r.mean(1, keepdims=True))
 
 
 def _bank(h, scene, theta):
@@ -195,6 +215,9 @@ def filtered(h, scene, signatures, theta, y):
     """Log-likelihoods (R, M) of records y (R, N) like that of the scene: through the
     bank, unless there are jumps, or the states are driven unevenly.
     """
+    parts = _not_too_long(h, scene, theta)
+    if len(parts) > 1:
+        return np.hstack([filtered(h, scene, signatures, part, y) for part in parts])
     if _is_plain(h, y) and not h.driven:
         return estimated(h, scene, signatures, theta, y).log_likelihood
     own, H = with_constants(h, scene, signatures, theta)

@@ -15,7 +15,6 @@ from scipy.stats.qmc import LatinHypercube
 
 from sensorid import at_quantiles, brief, free_columns
 from sensorlab.gap.catalogue import MIN_TURN
-from sensorlab.gap.effects import BLOCK
 from sensorlab.gap.evidence import climb
 from sensorlab.gap.filters import predict, processes
 from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
@@ -81,7 +80,7 @@ def _densities(h, scene, theta, frequency):
     """Spectra (M, F) of a member at theta (M, p)."""
     own = processes(h, scene, theta)
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
-    density = np.tile(own.r.mean(1)[:, None], len(turn))
+    density = np.tile(own.r, len(turn))
     for a, q in zip(own.a.T[..., None], own.q.T[..., None]):
         density += (q / ((1.0 - a)**2 + a * turn)).real
     return density
@@ -246,14 +245,11 @@ def posterior_law(h, scene, signatures, other, theta, known):
         _middle(one.values["frequency"], known.get((one.key, "frequency")))
         for one in h.effects if one.effect.search == "band"])
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * seen.frequency * scene.dt)
-    samples = processes(h, scene, at_quantiles(h.parameters, ndtr(starts[:1]))).r.size
 
     def log_posterior(x):
         theta, gain = at_quantiles(h.parameters, ndtr(x)), np.empty(len(x))
-        count = max(BLOCK // samples, 1)    # noise of every sample is long
-        for part in (slice(k, k + count) for k in range(0, len(x), count)):
-            own = processes(h, scene, theta[part])
-            _whittle(own.a, own.q, own.r.mean(1), turn, *seen[1:], gain[part])
+        own = processes(h, scene, theta)
+        _whittle(own.a, own.q, own.r[:, 0], turn, *seen[1:], gain)
         for column, p in enumerate(h.parameters):
             if isinstance(p, Sought):
                 gain += p.log_ratio(theta[:, column])
