@@ -135,11 +135,10 @@ def test_where_nothing_is_seen_there_is_nothing(effect, missing):
     y[missing] = np.nan
     scene = Scene(y, DT, {})
     h = member(scene, MODEL[1])
-    solved = filters.solve(h, scene, (), account(scene, [h]).sample.nodes(3))
-    told, _ = scans.family_bayes(
-        scene, signatures.Family(CATALOGUE[effect], ""), solved,
-        solved.node(int(solved.base.argmax())), signatures.bayes_table())
-    assert np.all(told < 1.5)
+    solved = filters.solve(h, scene, (), account(scene, [h]).theta[None])
+    told, _ = scans.family_bayes(scene, signatures.Family(CATALOGUE[effect], ""),
+                                 solved, solved, signatures.bayes_table())
+    assert told[0] < 1.5
 
 
 def test_a_ringing_in_the_quiet_part_of_a_record_gains_no_more_than_it_should():
