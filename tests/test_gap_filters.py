@@ -64,6 +64,22 @@ def test_plain_filters_are_the_mixture_filters_without_jumps(short):
                     plain.log_likelihood[:3], rtol=1e-9)
 
 
+def test_a_filter_without_noise_has_variances_all_the_same():
+    # a low-pass of next to no noise, beside constants that are known after a few steps
+    own = np.zeros((8, 5))
+    own[0] = [1.97171336, 0.0, 1.0, 1.0, 1.0]
+    own[1, :2] = [-0.972107865, 1.0]
+    own[2, 0] = own[6, 0] = 2e-21
+    own[4], own[5, :2] = [1e-16, 1e-16, 1.35544998e-4, 2.6e-6, 2.6e-6], 0.9998e-16
+    N = 6000
+    H = np.column_stack([np.ones(N), np.zeros(N), np.ones(N), *(
+        wave(0.03 * np.arange(N)) for wave in (np.cos, np.sin))])
+    gain, f = np.empty((N, 5)), np.empty(N)
+    kernels.plain_gains(H, own, np.array([1, 0, 2, 3, 4]), np.zeros(0, int),
+                        np.zeros(1), np.zeros(N, bool), gain, f)
+    assert f.min() > 0.0 and np.isfinite(gain).all()
+
+
 def test_a_change_of_what_drives_the_states_is_that_of_the_general_bank(short):
     """Two ways that share no line: matrices of every sample, and one number more."""
     scene, *_, seen = short

@@ -16,7 +16,7 @@ from scipy.stats.qmc import LatinHypercube
 
 from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tempered
 from sensorlab.gap.effects import LONG_RECORD
-from sensorlab.gap.filters import with_constants
+from sensorlab.gap.filters import in_parts, with_constants
 from sensorlab.gap.kernels import (
     KERNEL, LANES, MOST_LANES, drive, groups, in_threads, lanes_for, load,
     observe_covariance, observe_state, turn, turn_covariance, update_covariance,
@@ -467,6 +467,9 @@ def onset_law(h, scene, signatures):
 
     def moved(theta):
         """Theta with its onset at the quantile of that law that it has in the prior."""
+        return map(np.concatenate, zip(*map(part_moved, in_parts(h, scene, theta))))
+
+    def part_moved(theta):
         early, H = with_constants(h, scene, signatures, at_onset(theta, scene.duration))
         late, _ = with_constants(h, scene, signatures, at_onset(theta, 0.0))
         onset, density = draw_onsets(

@@ -42,7 +42,7 @@ class Predicted(NamedTuple):
 NOISES = 16 * BLOCK    # variances of white noise that changes that are held at a time
 
 
-def _not_too_long(h, scene, theta):
+def in_parts(h, scene, theta):
     """Theta (M, p) as parts of which the white noise, if it changes, is not too long.
     """
     most = max(NOISES // len(scene.y), LANES)
@@ -57,7 +57,7 @@ def processes(h, scene, theta):
     the record.
     """
     return Modes(*map(np.concatenate, zip(*(
-        _on_average(h, scene, part) for part in _not_too_long(h, scene, theta)))))
+        _on_average(h, scene, part) for part in in_parts(h, scene, theta)))))
 
 
 def _on_average(h, scene, theta):
@@ -215,7 +215,7 @@ def filtered(h, scene, signatures, theta, y):
     """Log-likelihoods (R, M) of records y (R, N) like that of the scene: through the
     bank, unless there are jumps, or the states are driven unevenly.
     """
-    parts = _not_too_long(h, scene, theta)
+    parts = in_parts(h, scene, theta)
     if len(parts) > 1:
         return np.hstack([filtered(h, scene, signatures, part, y) for part in parts])
     if _is_plain(h, y) and not h.driven:

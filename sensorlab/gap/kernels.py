@@ -201,6 +201,9 @@ def update_state(x, Ph, gain):
             x[s, g] += Ph[s, g] * gain[g]
 
 
+ROUNDING = 1e-16    # of the largest variance of an innovation
+
+
 @njit(**KERNEL)
 def plain_gains(H, own, pair, later, r, gap, gain, f):
     """Of a filter without jumps what no record changes, in place: gain (N, n), by which
@@ -215,7 +218,7 @@ def plain_gains(H, own, pair, later, r, gap, gain, f):
         P[s, s, 0] = own[4, s]
         if pair[s] < s:
             P[s, pair[s], 0] = own[5, s]
-    Ph = np.empty(n)
+    Ph, largest = np.empty(n), 0.0
     for i in range(N):
         if len(later) and i == later[0]:
             q, c = own[6], own[7]
@@ -231,9 +234,12 @@ def plain_gains(H, own, pair, later, r, gap, gain, f):
         total = r[min(i, len(r) - 1)]
         for s in range(n):
             total += H[i, s] * Ph[s]
+        largest, blind = max(largest, total), gap[i]
+        if total <= 0.0:    # next to no noise: P is rounding, and teaches nothing
+            total, blind = ROUNDING * largest, True
         f[i] = total
         for s in range(n):
-            gain[i, s] = 0.0 if gap[i] else Ph[s] / total
+            gain[i, s] = 0.0 if blind else Ph[s] / total
             for t in range(s + 1):
                 P[s, t, 0] -= gain[i, s] * Ph[t]
 
