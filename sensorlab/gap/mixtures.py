@@ -216,7 +216,7 @@ def _filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
     count, value = len(y) * M, 4 * n + n * n
     kept, of_kind = value + 4, (1, STRETCH)
     node, told = np.empty((value + 12) * LANES), np.empty((rows, STRETCH))
-    past, per_f = np.empty((LANES, 6, 1, STRETCH)), np.empty((2, *of_kind))
+    past = np.empty((LANES, 6, *of_kind))
     rate, always = np.empty(of_kind), np.ones(of_kind)
     score, beyond = np.empty(STRETCH), np.empty(STRETCH)
     for group in range(first, last):
@@ -252,10 +252,9 @@ def _filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
                     past[g, k, 0, j] = node[(kept + k) * LANES + g]
             for g in range(number if rows and (j == STRETCH - 1 or i == N - 1) else 0):
                 e, near, here, wild = past[g, 0], past[g, 3, 0], past[g, 4], past[g, 5]
-                for k in range(STRETCH):
-                    rate[0, k] = outlier[at[g], 0]
-                    per_f[0, 0, k], per_f[1, 0, k] = past[g, 1, 0, k], past[g, 2, 0, k]
-                _probabilities_beside(rate, always, per_f, e, score, beyond, told)
+                rate[:] = outlier[at[g], 0]
+                _probabilities_beside(rate, always, past[g, 1:3], e, score, beyond,
+                                      told)
                 if rows > 2:
                     _odd_and_log_score(here, wild, here[0], near, always[0], told)
                 for row in range(rows):
