@@ -1379,7 +1379,7 @@ def _move_unrolled(y, begin, end, pairs, states, abreast, chain, nodes, gain, we
                     (end - i - count) * past[g] * node[mu * PART + g])
 
 
-def _advance_abreast(y, observed, last_gap, first, pairs, entries, *groups):
+def _advance_abreast(y, observed, first, pairs, entries, *groups):
     """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), nodes
     abreast.
 
@@ -1389,14 +1389,14 @@ def _advance_abreast(y, observed, last_gap, first, pairs, entries, *groups):
     (C + 1, 2, M) of nu^2/f and nu mu/f, the last row information and log_det; products
     (P, M) of nu nu/f of pairs (P, 2) of records.
     """
-    side_by_side(lambda group: _advance_group(
-        y, observed, last_gap, first, pairs, entries, *group), list(zip(*groups)))
+    side_by_side(lambda group: _advance_group(y, observed, first, pairs, entries,
+                                              *group), list(zip(*groups)))
 
 
-def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x, P,
-                   sums, products):
+def _advance_group(y, observed, first, pairs, entries, Phi, Q, H, r, x, P, sums,
+                   products):
     """One group of `_advance_abreast`: unrolled where Phi is timeless and mixes none
-    but neighbours, but for the last samples where these are no whole handful.
+    but neighbours, but for the last samples of a run where these are no whole handful.
     """
     n, samples = x.shape[1], y.shape[1]
     away = np.abs(entries[:, 0] - entries[:, 1]).max(initial=0)
@@ -1408,26 +1408,45 @@ def _advance_group(y, observed, last_gap, first, pairs, entries, Phi, Q, H, r, x
         nodes = _in_rows(Phi[0], H[0], np.zeros(((n + 2) * count, x.shape[2])))
         parts = [_in_parts(whole) for whole in wholes]
     for begin, end, *gains in _gains_of_group(
-            observed, last_gap, first, P, log_det, entries, away, Phi, Q, H, r):
+            observed, first, P, log_det, entries, away, Phi, Q, H, r):
         stop = begin
         if unrolled:
             stop = end - (end - begin) % len(abreast)
             _move_unrolled(y, begin, stop, pairs, states, abreast, () if away else None,
                            nodes, *gains, *parts)
-        if unrolled and end == samples:
+        if unrolled and (stop < end or end == samples):
             for whole, part in zip(wholes, parts):
                 _join_parts(part, whole)
         if stop < end:
             _move_group(y, stop, end, first, pairs, entries, Phi, H, *(
                 part[min(stop - begin, len(part) - 1):] for part in gains), x, sums,
                 products)
+        if unrolled and stop < end < samples:
+            parts = [_in_parts(whole) for whole in wholes]
     sums[-1, 1] = log_det
 
 
-def _gains_of_group(observed, last_gap, first, P, log_det, entries, away, Phi, Q, H, r):
+def _gains_of_group(observed, first, P, log_det, entries, away, Phi, Q, H, r):
     """(begin, end, gain, weight) of one stretch of samples after the other, of states
-    that mix with those at most so far `away`. Once P no longer changes, one gain is for
-    all the rest. Unrolled where few states mix with none but neighbours.
+    that mix with those at most so far `away`. Where white noise changes now and then
+    only, gains settle in each of the runs in between.
+    """
+    samples, changes, seldom = len(observed), (), False
+    if len(r) > 1:
+        own = r[first:first + samples]
+        changes = np.flatnonzero((own[1:] != own[:-1]).any(1)) + 1
+        seldom = len(changes) * SETTLING < samples
+    for begin, end in zip([0, *changes], [*changes, samples]) if seldom else [
+            (0, samples)]:
+        for start, stop, *gains in _gains_of_run(
+                observed[begin:end], first + begin, P, log_det, entries, away, Phi, Q,
+                H, r[first + begin][None] if seldom else r):
+            yield begin + start, begin + stop, *gains
+
+
+def _gains_of_run(observed, first, P, log_det, entries, away, Phi, Q, H, r):
+    """`_gains_of_group` of a run: once P no longer changes, one gain is for all the
+    rest. Unrolled where few states mix with none but neighbours.
     """
     n, M = P.shape[1:]
     gain, weight = np.empty((SETTLING, n, M)), np.empty((SETTLING, M))
@@ -1439,6 +1458,7 @@ def _gains_of_group(observed, last_gap, first, P, log_det, entries, away, Phi, Q
         nodes = _in_rows(Phi[0], H[0], zeros[:n + 1], np.ones((1, M)), r, square,
                          Q[0].reshape(n * n, M), zeros)
     begin, steady, samples = 0, False, len(observed)
+    last_gap = np.flatnonzero(observed == 0.0).max(initial=-1)
     while begin < samples and not steady:
         part, gap = observed[begin:begin + SETTLING], last_gap - begin
         if unrolled:
@@ -1624,9 +1644,9 @@ def _start_abreast(b, records, pairs=NO_PAIRS):
 
 def _sums_abreast(b, y, observed, stretches, pairs):
     start, y = _start_abreast(b, len(y), pairs), np.vstack([y, np.ones(y.shape[1])])
-    for begin, end, last_gap in stretches:
+    for begin, end, _ in stretches:
         _advance_abreast(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
-                         last_gap, begin, *start)
+                         begin, *start)
         own, products = (_one_by_one(part, len(b.m0)) for part in start[-2:])
         yield (own[:, :-1, 0].T, own[:, :-1, 1].T, own[:, -1, 0], own[:, -1, 1],
                products.T)
@@ -2339,8 +2359,7 @@ def estimate_state(y, estimate, dt):
     offset = np.nanmean(y)
     columns = np.vstack([np.nan_to_num(y - offset), np.ones(len(y))])
     M, start = len(b.m0), _start_abreast(b, 1)
-    _advance_abreast(columns, observed, np.flatnonzero(observed == 0).max(initial=-1),
-                     0, *start)
+    _advance_abreast(columns, observed, 0, *start)
     x, P, sums = (_one_by_one(part, M) for part in start[-4:-1])
     P = np.tril(P) + np.tril(P, -1).swapaxes(1, 2)
     score, information = sums[:, 0, 1], sums[:, 1, 0]

@@ -256,6 +256,34 @@ def test_unrolled_loops_do_what_a_dense_covariance_does(monkeypatch, n, mixed):
             assert_allclose(part, its, rtol=1e-10)
 
 
+@pytest.mark.parametrize("n, mixed", [(1, False), (2, True), (5, False), (6, True)])
+@pytest.mark.parametrize("stops", [[900], [333, 900]])
+def test_noise_that_changes_seldom_does_what_a_dense_covariance_does(n, mixed, stops):
+    rng = np.random.default_rng(n)
+    Phi = np.diag(rng.uniform(0.3, 0.95, n))
+    if mixed:
+        Phi[:2, :2] = 0.9 * np.array([[0.8, 0.6], [-0.6, 0.8]])
+    G, H, P0 = np.diag(rng.uniform(0.1, 0.5, n)), np.ones(n), np.diag(
+        rng.uniform(0.5, 2.0, n))
+    h = s.hypothesis(lambda dt: s.shaping_filter(Phi, G, H, 0.7, P0=P0), name="sum")
+    y, b = rng.standard_normal((2, 900)), s.bank(h, 1.0, np.empty((3, 0)))
+    y[:, 400:431] = np.nan
+    later = np.arange(900) >= np.array([[401], [333], [898]])    # no whole handfuls
+    b = b._replace(r=b.r * np.where(later, 3.0, 1.0))
+    *_, sums = s.filter_bank(b, y, stops, [(0, 1)])
+    seen = ~np.isnan(y[0])
+    own, steady = y[:, seen], naive.covariance(Phi, G, H[None], np.zeros((1, 1)), P0, 900)
+    for node in range(3):
+        C = (steady + np.diag(b.r[node]))[np.ix_(seen, seen)]
+        expected, ones = own @ np.linalg.solve(C, own.T), np.linalg.solve(
+            C, np.ones(len(C)))
+        assert_allclose(sums.chi2[:, node], expected.diagonal(), rtol=1e-9)
+        assert_allclose(sums.products[0, node], expected[0, 1], rtol=1e-8)
+        assert_allclose(sums.score[:, node], own @ ones, rtol=1e-8)
+        assert_allclose(sums.information[node], ones.sum(), rtol=1e-9)
+        assert_allclose(sums.log_det[node], np.linalg.slogdet(C)[1], rtol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["white_noise", "random_walk", "markov",
                                   "random_walk_markov", "two_markov"])
 def test_a_bank_of_all_nodes_at_once_equals_its_filters(name):
@@ -309,7 +337,7 @@ def test_states_end_at_zero_where_a_record_does():
     x = np.ones((1, 2, 1, s.GROUP))
     part = np.zeros((1, 1, s.GROUP))
     node = part[:, :, None]    # of one state
-    s._advance_abreast(np.zeros((2, n)), np.ones(n), -1, 0, s.NO_PAIRS,
+    s._advance_abreast(np.zeros((2, n)), np.ones(n), 0, s.NO_PAIRS,
                        np.array([[0, 0]]), node[:, :, None] + a, node[:, :, None],
                        node + 1.0, part + 1.0, x, node.copy(),
                        np.zeros((1, 2, 2, s.GROUP)), np.zeros((1, 0, s.GROUP)))
