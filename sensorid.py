@@ -1384,16 +1384,17 @@ def _advance_abreast(y, observed, first, pairs, entries, *groups):
     abreast.
 
     y (C + 1, n_samples) whose last row is ones; entries (K, 2) rows and columns of Phi
-    that are not zero. Of every group: Phi, Q (1 or N, n, n, M), H (1 or N, n, M), r
-    (1 or N, M); filtered state x (C + 1, n, M) and covariance P (n, n, M); sums
-    (C + 1, 2, M) of nu^2/f and nu mu/f, the last row information and log_det; products
-    (P, M) of nu nu/f of pairs (P, 2) of records.
+    that are not zero. Of every group: Phi, Q (1 or N, n, n, M), H (1 or N, n, M);
+    `since` (R,) and r (R, M), from which sample on the white noise has which variance;
+    filtered state x (C + 1, n, M) and covariance P (n, n, M); sums (C + 1, 2, M) of
+    nu^2/f and nu mu/f, the last row information and log_det; products (P, M) of nu nu/f
+    of pairs (P, 2) of records.
     """
     side_by_side(lambda group: _advance_group(y, observed, first, pairs, entries,
                                               *group), list(zip(*groups)))
 
 
-def _advance_group(y, observed, first, pairs, entries, Phi, Q, H, r, x, P, sums,
+def _advance_group(y, observed, first, pairs, entries, Phi, Q, H, since, r, x, P, sums,
                    products):
     """One group of `_advance_abreast`: unrolled where Phi is timeless and mixes none
     but neighbours, but for the last samples of a run where these are no whole handful.
@@ -1408,7 +1409,7 @@ def _advance_group(y, observed, first, pairs, entries, Phi, Q, H, r, x, P, sums,
         nodes = _in_rows(Phi[0], H[0], np.zeros(((n + 2) * count, x.shape[2])))
         parts = [_in_parts(whole) for whole in wholes]
     for begin, end, *gains in _gains_of_group(
-            observed, first, P, log_det, entries, away, Phi, Q, H, r):
+            observed, first, P, log_det, entries, away, Phi, Q, H, since, r):
         stop = begin
         if unrolled:
             stop = end - (end - begin) % len(abreast)
@@ -1426,21 +1427,19 @@ def _advance_group(y, observed, first, pairs, entries, Phi, Q, H, r, x, P, sums,
     sums[-1, 1] = log_det
 
 
-def _gains_of_group(observed, first, P, log_det, entries, away, Phi, Q, H, r):
+def _gains_of_group(observed, first, P, log_det, entries, away, Phi, Q, H, since, r):
     """(begin, end, gain, weight) of one stretch of samples after the other, of states
-    that mix with those at most so far `away`. Where white noise changes now and then
-    only, gains settle in each of the runs in between.
+    that mix with those at most so far `away`. Where white noise is not of another
+    variance in every sample, gains settle in each run that has one.
     """
-    samples, changes, seldom = len(observed), (), False
-    if len(r) > 1:
-        own = r[first:first + samples]
-        changes = np.flatnonzero((own[1:] != own[:-1]).any(1)) + 1
-        seldom = len(changes) * SETTLING < samples
-    for begin, end in zip([0, *changes], [*changes, samples]) if seldom else [
-            (0, samples)]:
+    samples, seldom = len(observed), since[-1] >= len(since)
+    starts = np.maximum(since - first, 0) if seldom else [0]
+    for number, (begin, end) in enumerate(zip(starts, [*starts[1:], samples])):
+        if begin >= min(end, samples):
+            continue
         for start, stop, *gains in _gains_of_run(
                 observed[begin:end], first + begin, P, log_det, entries, away, Phi, Q,
-                H, r[first + begin][None] if seldom else r):
+                H, r[number][None] if seldom else r):
             yield begin + start, begin + stop, *gains
 
 
@@ -1621,6 +1620,20 @@ def _abreast(part):
     return np.moveaxis(part, 1, -1).copy()
 
 
+def _runs_abreast(r, M):
+    """(since, r) of groups of M nodes: samples (R,) from which on white noise of
+    variance r (nodes, 1 or N) is even, and its variances (R, M) from there on; every
+    sample, where it changes so often that gains would not settle in between.
+    """
+    for first in range(0, len(r), M):
+        own = r[first:first + M]
+        since = np.append(0, np.flatnonzero((own[:, 1:] != own[:, :-1]).any(0)) + 1)
+        if len(since) * SETTLING > own.shape[1]:
+            since = np.arange(own.shape[1])
+        own = np.pad(own[:, since], [(0, M - len(own)), (0, 0)], mode="edge")
+        yield since, np.ascontiguousarray(own.T)
+
+
 def _one_by_one(part, nodes):
     """Groups (groups, ..., M) as nodes (nodes, ...)."""
     return np.concatenate(np.moveaxis(part, -1, 1))[:nodes]
@@ -1631,13 +1644,14 @@ NO_PAIRS = np.empty((0, 2), int)
 
 def _start_abreast(b, records, pairs=NO_PAIRS):
     """What `_advance_abreast` takes before the first sample: pairs, entries, Phi, Q, H
-    and r of a bank, x, P, sums and products.
+    and white noise of a bank, x, P, sums and products.
     """
-    Phi, Q, H, r, m0, P = map(_abreast, (b.Phi, b.Q, b.H, b.r, b.m0, b.P0))
+    Phi, Q, H, m0, P = map(_abreast, (b.Phi, b.Q, b.H, b.m0, b.P0))
+    since, r = zip(*_runs_abreast(b.r, Phi.shape[-1]))
     x = np.repeat(m0[:, None], records + 1, 1)
     x[:, -1] = 0.0
     entries = np.argwhere(b.Phi.any((0, 1))).copy()    # of one layout, compiled once
-    return (pairs, entries, Phi, Q, H, r, x, P,
+    return (pairs, entries, Phi, Q, H, since, r, x, P,
             np.zeros((len(x), records + 1, 2, x.shape[-1])),
             np.zeros((len(x), len(pairs), x.shape[-1])))
 

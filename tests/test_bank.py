@@ -339,7 +339,7 @@ def test_states_end_at_zero_where_a_record_does():
     node = part[:, :, None]    # of one state
     s._advance_abreast(np.zeros((2, n)), np.ones(n), 0, s.NO_PAIRS,
                        np.array([[0, 0]]), node[:, :, None] + a, node[:, :, None],
-                       node + 1.0, part + 1.0, x, node.copy(),
+                       node + 1.0, [np.array([0])], part + 1.0, x, node.copy(),
                        np.zeros((1, 2, 2, s.GROUP)), np.zeros((1, 0, s.GROUP)))
     assert not x[:, 0].any()    # of ones: no more, once their innovation is constant
 

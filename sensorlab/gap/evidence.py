@@ -16,7 +16,7 @@ from scipy.stats.qmc import LatinHypercube
 
 from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tempered
 from sensorlab.gap.effects import LONG_RECORD
-from sensorlab.gap.filters import in_parts, with_constants
+from sensorlab.gap.filters import explained, in_parts, parts_at
 from sensorlab.gap.kernels import (
     KERNEL, LANES, MOST_LANES, drive, groups, in_threads, lanes_for, load,
     observe_covariance, observe_state, turn, turn_covariance, update_covariance,
@@ -343,6 +343,7 @@ def _curvature(log_posterior, x):
         np.abs(width), 1.0), axes
 
 
+SETTLES = 64            # samples in which gains may have settled, for a law of onsets
 STRAY_SHARE = 0.1       # probability of an onset anywhere at all
 ONSET_BIN = 16          # samples whose likeliest onset stands for all of them at first
 WILD_SQUARE = 25.0      # squared standard score of what may be an outlier
@@ -381,25 +382,26 @@ def _draw_onset(gain, peak, u):
     return onset, np.log((1.0 - STRAY_SHARE) * share * len(gain) + STRAY_SHARE)
 
 
-def draw_onsets(y, H, own, pair, early, late, u, least, most):
+def draw_onsets(y, h, own, pair, early, late, u, least, most):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
     the log of their density over that of a uniform law from least to most.
 
     The filter of the noise of variance early (M,) up to a sample and that of the noise
     of variance late (M,) from there on nearly give the likelihood of every onset at
-    once. A law to draw from need not be exact: logarithms are kept until
-    f changes, and what may be an outlier counts little.
+    once. A law to draw from need not be exact: gains are kept once they have settled,
+    and what may be an outlier or follows a gap counts little. y (N,) is a record less
+    all constants, h (n,) observes the states.
     """
     onset, density = np.zeros((2, len(u)))
     # what a law needs is as long as the record
     lanes = lanes_for(len(u), LANES if len(y) > LONG_RECORD else MOST_LANES)
-    in_threads(_draw_onset_groups, groups(len(u), lanes), lanes, y, H, own, pair, early,
+    in_threads(_draw_onset_groups, groups(len(u), lanes), lanes, y, h, own, pair, early,
                late, u, least, most, onset, density)
     return onset, density
 
 
 @njit(**KERNEL)
-def _draw_onset_groups(first, last, lanes, y, H, own, pair, early, late, u, least, most,
+def _draw_onset_groups(first, last, lanes, y, h, own, pair, early, late, u, least, most,
                        onset, density):
     """Groups of `draw_onsets`."""
     (M, n), N = own.shape[1:], len(y)
@@ -407,37 +409,13 @@ def _draw_onset_groups(first, last, lanes, y, H, own, pair, early, late, u, leas
         start, number = group * lanes, min(lanes, M - group * lanes)
         node = np.minimum(start + np.arange(lanes), M - 1)
         parts, P = np.empty((6, n, lanes)), np.empty((n, n, lanes))
-        x, Ph = np.empty((n, lanes)), np.empty((n, lanes))
-        f, nu = np.empty(lanes), np.empty(lanes)
-        noise, former, log_f = np.ones(lanes), np.zeros(lanes), np.zeros(lanes)
-        weight, gain = np.empty(lanes), np.empty(lanes)
         odds, at_once = np.zeros((N, lanes)), np.zeros(M, np.int64)
         for changed in range(2):
-            x[:] = 0.0
             load(own, pair, node, parts, P)
             if changed:
                 drive(own, node, at_once, 0, parts)
-            for g in range(lanes):
-                noise[g] = late[node[g]] if changed else early[node[g]]
-            for i in range(N):
-                for g in range(lanes):
-                    f[g], nu[g] = noise[g], y[i]
-                turn_covariance(parts, pair, P)
-                observe_covariance(parts, pair, H[i], P, Ph, f)
-                turn(parts, pair, x)
-                observe_state(H[i], x, nu)
-                if np.isnan(y[i]):
-                    continue
-                for g in range(lanes):
-                    if abs(f[g] - former[g]) > 1e-6 * f[g]:
-                        former[g], log_f[g] = f[g], np.log(f[g])
-                    square = nu[g] * nu[g] / f[g]
-                    odds[i, g] += (changed - 0.5) * (
-                        log_f[g] + min(square, WILD_SQUARE))
-                    weight[g] = 1.0 / f[g] if square < WILD_SQUARE else 0.0
-                    gain[g] = nu[g] * weight[g]
-                update_state(x, Ph, gain)
-                update_covariance(P, Ph, weight)
+            _add_scores(y, h, pair, parts, P, (late if changed else early)[node],
+                        changed - 0.5, odds)
         peak = np.full(((most - least - 1) // ONSET_BIN + 1, lanes), -np.inf)
         for i in range(1, most):
             for g in range(lanes):
@@ -452,6 +430,38 @@ def _draw_onset_groups(first, last, lanes, y, H, own, pair, early, late, u, leas
             onset[start + g] += least
 
 
+@njit(**JIT)
+def _add_scores(y, h, pair, parts, P, r, factor, odds):
+    """ln f + nu^2/f of every sample times a factor, added to odds (N, lanes), of
+    filters abreast of white noise of variance r (lanes,).
+    """
+    n, lanes = len(h), len(r)
+    x, Ph, gain = np.zeros((n, lanes)), np.empty((n, lanes)), np.empty(lanes)
+    f, nu, weight, log_f = r.copy(), np.empty(lanes), np.empty(lanes), np.empty(lanes)
+    least, before, settled = np.empty(lanes), np.zeros(lanes), False
+    for i in range(len(y)):
+        if not settled:
+            f[:] = r
+            turn_covariance(parts, pair, P)
+            observe_covariance(parts, pair, h, P, Ph, f)
+            weight[:], log_f[:], least[:] = 1.0 / f, np.log(f), np.sqrt(WILD_SQUARE * f)
+            update_covariance(P, Ph, weight)
+            if i % SETTLES == SETTLES - 1:
+                settled = np.abs(f - before).max() < 1e-9 * f.min()
+                before[:] = f
+        turn(parts, pair, x)
+        seen = not np.isnan(y[i])
+        for g in range(lanes):
+            nu[g] = y[i] if seen else 0.0
+        if seen:
+            observe_state(h, x, nu)
+            for g in range(lanes):
+                nu[g] = min(max(nu[g], -least[g]), least[g])
+                gain[g] = nu[g] * weight[g]
+                odds[i, g] += factor * (log_f[g] + nu[g] * gain[g])
+            update_state(x, Ph, gain)
+
+
 def onset_law(h, scene, signatures):
     """How `integrate` draws the onset of a change of noise; None if there is none."""
     if not h.onsets or not h.parameters[h.keys.index(h.onsets[0])].free:
@@ -462,18 +472,20 @@ def onset_law(h, scene, signatures):
 
     def at_onset(theta, onset):
         theta = theta.copy()
-        theta[:, at] = onset
+        theta[..., at] = onset
         return theta
 
     def moved(theta):
         """Theta with its onset at the quantile of that law that it has in the prior."""
         return map(np.concatenate, zip(*map(part_moved, in_parts(h, scene, theta))))
+    mean = np.array([p.mean for p in h.parameters])
+    rest = scene.y - explained(h, scene, signatures, at_onset(mean, scene.duration))
 
     def part_moved(theta):
-        early, H = with_constants(h, scene, signatures, at_onset(theta, scene.duration))
-        late, _ = with_constants(h, scene, signatures, at_onset(theta, 0.0))
+        early, late = (parts_at(h, scene, at_onset(theta, when))
+                       for when in (scene.duration, 0.0))
         onset, density = draw_onsets(
-            scene.y, H, early.own, early.pair, early.r[:, 0].copy(),
+            rest, early.h, early.own, early.pair, early.r[:, 0].copy(),
             late.r[:, -1].copy(), (theta[:, at] - low) / (high - low), least, most)
         return at_onset(theta, onset * scene.dt), -density
     return moved

@@ -185,11 +185,12 @@ def parts_of(h, b):
     return Parts(np.array([*own, *own[2:4]]), pair, b.H[0, 0], b.r)
 
 
-def _parts_at(h, scene, theta, b):
-    """`Parts` of a hypothesis at theta (M, p), whose bank is b; with a change of the
-    noise of its states.
+def parts_at(h, scene, theta, b=None):
+    """`Parts` of a hypothesis at theta (M, p), with a change of the noise of its
+    states; b is its bank, if it is known.
     """
-    one, change = parts_of(h, b), _change(h, scene, theta)
+    one = parts_of(h, _bank(h, scene, theta) if b is None else b)
+    change = _change(h, scene, theta)
     if not change:
         return one
     one.own[6:, :, change.states] *= change.factor[:, None]
@@ -200,7 +201,7 @@ def with_constants(h, scene, signatures, theta):
     """`Parts` with the bias and the sizes of signatures as further processes, and what
     observes them, (N, n).
     """
-    one = _parts_at(h, scene, theta, _bank(h, scene, theta))
+    one = parts_at(h, scene, theta)
     variance = constants(h, signatures)
     k, n = len(variance), len(one.pair)
     more = np.zeros((8, len(theta), k))
@@ -370,6 +371,16 @@ def estimated(h, scene, signatures, theta, y=None):
         variance[1:], variance[0]))
 
 
+def explained(h, scene, signatures, theta):
+    """What bias and signatures are expected to explain of the record of a scene, (N,),
+    at theta (p,), jumps left aside.
+    """
+    less = h._replace(effects=tuple(one for one in h.effects if not one.effect.jumps))
+    size = estimated(less, scene, signatures, h.matching(less, theta)[None]).size[0, 0]
+    return sum((s.columns @ own for s, own in zip(signatures, np.split(
+        size, np.cumsum([s.columns.shape[1] for s in signatures])))), size[-1])
+
+
 class Gram(NamedTuple):
     """Products c' C^-1 d of one of R records and of columns, the last of them ones, at
     M nodes.
@@ -391,7 +402,7 @@ def products(h, scene, y, columns, theta):
     pairs = [(i, j) for i in range(R, R + c) for j in range(i)]
     rows[:, gap] = np.nan
     b = _bank(h, scene, theta)
-    sums = summed(b, _parts_at(h, scene, theta, b), rows, pairs or None)
+    sums = summed(b, parts_at(h, scene, theta, b), rows, pairs or None)
     result = np.empty((R, len(theta), c + 2, c + 2))
     result[..., -1, -1] = sums.information
     # a record is in the first place of its own products, a column in those of all
@@ -441,7 +452,7 @@ def shared(h, scene, signatures, theta, gap):
     """
     columns = np.vstack([s.columns.T for s in signatures])
     b, variance = _bank(h, scene, theta), constants(h, signatures)
-    one = _parts_at(h, scene, theta, b)
+    one = parts_at(h, scene, theta, b)
     w, *_ = adjoint(np.where(gap, 0.0, columns), 1.0 - gap, one.h, one.own, one.pair,
                     one.later, one.r)
     # the first column stands for a record
@@ -504,7 +515,7 @@ def solve(h, scene, signatures, theta):
     observed = 1.0 - np.isnan(scene.y)
     X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
     b = _bank(h, scene, theta)
-    one = _parts_at(h, scene, theta, b)
+    one = parts_at(h, scene, theta, b)
     w, steps, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.later, one.r)
     c, M, N = w.shape
     gram = np.moveaxis(row_products(w.reshape(-1, N), X).reshape(c, M, c), 1, 0)
