@@ -272,9 +272,9 @@ def test_noise_that_changes_seldom_does_what_a_dense_covariance_does(n, mixed, s
     b = b._replace(r=b.r * np.where(later, 3.0, 1.0))
     *_, sums = s.filter_bank(b, y, stops, [(0, 1)])
     seen = ~np.isnan(y[0])
-    own, steady = y[:, seen], naive.covariance(Phi, G, H[None], np.zeros((1, 1)), P0, 900)
+    own, even = y[:, seen], naive.covariance(Phi, G, H[None], np.zeros((1, 1)), P0, 900)
     for node in range(3):
-        C = (steady + np.diag(b.r[node]))[np.ix_(seen, seen)]
+        C = (even + np.diag(b.r[node]))[np.ix_(seen, seen)]
         expected, ones = own @ np.linalg.solve(C, own.T), np.linalg.solve(
             C, np.ones(len(C)))
         assert_allclose(sums.chi2[:, node], expected.diagonal(), rtol=1e-9)

@@ -12,7 +12,9 @@ from sensorid import brief, free_columns, side_by_side
 from sensorlab.gap.account import as_simulated, gaussian
 from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene, simulate_effects
-from sensorlab.gap.filters import Filter, Shared, filter_of, filtered, predict, shared
+from sensorlab.gap.filters import (
+    Filter, Shared, filter_of, filtered, predict, predict_first, shared)
+from sensorlab.gap.kernels import LANES
 from sensorlab.gap.places import PLACES, Statistics, statistics
 from sensorlab.gap.probes import Probes, probes
 from sensorlab.gap.readings import COARSE, lattice_and_noise, misleads, without_readings
@@ -127,7 +129,7 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     simulator = setting.simulator(acc.sample.nodes(POSTERIOR_NODES) if first else truth)
     ruler = _Ruler(fit, *seen)
     real, stats, gain = ruler.laid(scene.y[None], setting.own, True)
-    block = int(np.clip(BLOCK // len(scene.y), 1, -(-trials // 2)))
+    block = fit.block(trials)
     compared = 0 if before is None else enough_trials(scene)
 
     def measured(number):
@@ -212,6 +214,14 @@ class _Refit(NamedTuple):
             acc.member, setting.scene, acc.signatures, self.nodes,
             np.isnan(setting.own[0])))
 
+    def block(self, trials):
+        """Of so many simulated records, how many are filtered at once: each at as many
+        nodes, of which a mixture filter has several for the price of one.
+        """
+        most = max(BLOCK // len(self.setting.scene.y), LANES // (
+            len(self.free) + 1) if self.setting.acc.member.has_jumps else 1)
+        return int(np.clip(most, 1, -(-trials // 2)))
+
     @property
     def nodes(self):
         """Parameters (d + 1, p) at a step in each, and at none."""
@@ -226,19 +236,17 @@ class _Refit(NamedTuple):
         high = [p.high for p in acc.member.parameters]
         return np.where(acc.theta + step < high, step, -step)
 
-    def gains(self, masked, middle=None):
-        """Gain (R, d) of a step in every parameter; `middle` (R, 1) is the
-        log-likelihood at the posterior mean, if it is known from the same filter.
-        """
+    def gains(self, masked):
+        """Gain (R, d) of a step in every parameter."""
         if not self.free:
             return np.zeros((len(masked), 0))
         acc, known = self.setting.acc, self.shared
         if known is not None and (np.isnan(masked) == known.gap).all():
             ll = known.log_likelihoods(masked)
         else:
-            ll = filtered(acc.member, self.setting.scene, acc.signatures, self.nodes[
-                slice(None if middle is None else -1)], masked)
-        return ll[:, :-1] - ll[:, -1:] if middle is None else ll - middle
+            ll = filtered(acc.member, self.setting.scene, acc.signatures, self.nodes,
+                          masked)
+        return ll[:, :-1] - ll[:, -1:]
 
     def truth(self, seed, near):
         """Parameters (p,) whose records give this fit; those of the simulator of a gap
@@ -263,7 +271,9 @@ class _Refit(NamedTuple):
                 apart.get(key, 0.0) for key in acc.member.keys])[free])
         step, fit = self.step[free], acc.theta[free]
         width = np.array([p.high - p.low for p in acc.member.parameters])[free]
-        prior = np.diag(12.0 * (step / width)**2)
+        prior, (real,) = np.diag(12.0 * (step / width)**2), self.gains(self.setting.own)
+        moved = MOVED * enough_trials(self.setting.scene) // TRIALS
+        block = self.block(moved)
 
         def missed(at):
             """Gains of simulated records over that of the real one, and their slopes
@@ -271,12 +281,12 @@ class _Refit(NamedTuple):
             """
             truth[free] = at
             # with the same noises, or it would walk about
-            _, masked = self.setting.drawn(self.setting.simulator(truth), MOVED,
-                                           seed + 100)
-            s = self.gains(np.vstack([self.setting.own, masked]))
-            s[1:] = _without_tails(s[1:])
-            return s[1:].mean(0) - s[0] + prior @ ((at - fit) / step), (
-                prior + np.cov(s[1:].T).reshape(len(free), -1))
+            simulator = self.setting.simulator(truth)
+            s = _without_tails(np.vstack(side_by_side(lambda number: self.gains(
+                self.setting.drawn(simulator, min(block, moved - number), seed + 100,
+                                   number)[1]), range(0, moved, block))))
+            return s.mean(0) - real + prior @ ((at - fit) / step), (
+                prior + np.cov(s.T).reshape(len(free), -1))
         truth[free] = _root(missed, starts, step, MOVES if self.setting.misled else 4)
         return truth
 
@@ -344,11 +354,16 @@ class _Ruler(NamedTuple):
         """
         setting = self.fit.setting
         acc, first = setting.acc, setting.first
-        part = predict(acc.member, setting.scene, acc.signatures, acc.theta[None],
-                       masked, whole, self.filter)
-        return part, statistics(
-            part.z[:, 0, first:], read[:, first:], setting.late, self.probes
-        ), self.fit.gains(masked, part.log_likelihood if acc.member.has_jumps else None)
+        if acc.member.has_jumps:
+            part = predict_first(acc.member, setting.scene, acc.signatures,
+                                 self.fit.nodes[::-1], masked, whole)
+            gains = part.log_likelihood[:, :0:-1] - part.log_likelihood[:, :1]
+        else:
+            part = predict(acc.member, setting.scene, acc.signatures, acc.theta[None],
+                           masked, whole, self.filter)
+            gains = self.fit.gains(masked)
+        return part, statistics(part.z[:, 0, first:], read[:, first:], setting.late,
+                                self.probes), gains
 
     def marked(self, T, s, stats):
         """The ruler with its marks, and the distances (B, S) of simulated records of

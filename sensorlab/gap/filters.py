@@ -290,7 +290,7 @@ def predict(h, scene, signatures, theta, y=None, whole=True, known=None):
     it is.
     """
     y = scene.y[None] if y is None else y
-    (R, N), M = y.shape, len(theta)
+    M = len(theta)
     if _is_plain(h, y):
         gap = np.isnan(y[0])
         if known is not None and np.array_equal(gap, known.gap):
@@ -307,8 +307,15 @@ def predict(h, scene, signatures, theta, y=None, whole=True, known=None):
         log_score *= -0.5
         return Predicted(np.nansum(log_score, axis=2), _within_limits(z),
                          np.broadcast_to(np.nan, z.shape), log_score)
+    return predict_first(h, scene, signatures, theta, y, whole, M)
+
+
+def predict_first(h, scene, signatures, theta, y, whole=True, count=1):
+    """`Predicted` of records y (R, N) by filters with jumps: the log-likelihood at all
+    nodes, all else at the first ones.
+    """
     own, H = with_constants(h, scene, signatures, theta)
-    out = np.full((R, M, 5 if whole else 2, N), np.nan)
+    out = np.full((len(y), count, 5 if whole else 2, y.shape[1]), np.nan)
     total = _through_mixtures(h, own, H, theta, y, out)
     z = normal_score(out[:, :, 0], out[:, :, 1]) if h.has_jumps else out[:, :, 0]
     return Predicted(total, _within_limits(z), *(

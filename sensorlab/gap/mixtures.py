@@ -24,10 +24,10 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
     r (M, 1 or N) are the parts of `filters.Parts`; outlier (M, 2) = rate,
     variance; jump (M, 5) = probabilities that the second level begins and that it ends,
     half the distance of the levels, variances that the second adds to the noise and to
-    the state number `moved` (all 0: one level). out (R, M, 0, 2 or 5, N) gets of every
-    sample the predictive probabilities below and above it, that of its being an
-    outlier, its log density and the probability of the second level; where nothing
-    jumps, its normal score in place of the first.
+    the state number `moved` (all 0: one level). out (R, K, 0, 2 or 5, N) gets of every
+    sample, by the first K nodes, the predictive probabilities below and above it, that
+    of its being an outlier, its log density and the probability of the second level;
+    where nothing jumps, its normal score in place of the first.
 
     One Gaussian per level is kept: after each sample, the two that have led to a level
     are merged (generalized pseudo-Bayes of second order; Chang and Athans, "State
@@ -56,11 +56,12 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
     of the first; so has every path from one level to one: those to the first, from
     either, then those to the second.
     """
-    N, rows = y.shape[1], out.shape[2]
-    M, n = own.shape[1:]
-    count, of_level, of_path = len(y) * M, levels * lanes, levels * levels * lanes
+    (R, N), rows, (M, n) = y.shape, out.shape[2], own.shape[1:]
+    count, of_level, of_path = R * M, levels * lanes, levels * levels * lanes
     for group in range(first, last):
         number = min(lanes, count - group * lanes)
+        # nodes whose samples are told come first
+        tell = min(lanes, max(R * out.shape[1] - group * lanes, 0)) if rows else 0
         record, node = np.empty(lanes, np.int64), np.empty(of_level, np.int64)
         rate, wider, chance, offset, louder, step = (
             np.empty(of_path), np.empty(of_path), np.ones(of_path), np.zeros(of_path),
@@ -68,10 +69,11 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
         weight = np.ones(of_level)
         for g in range(of_path):
             both = min(group * lanes + g % lanes, count - 1)
-            record[g % lanes], node[g % of_level] = both // M, both % M
-            rate[g], wider[g] = outlier[both % M, 0], outlier[both % M, 1]
+            at = both // R
+            record[g % lanes], node[g % of_level] = both % R, at
+            rate[g], wider[g] = outlier[at, 0], outlier[at, 1]
             if levels == 2:
-                to, start, change = g // of_level, g // lanes % 2, jump[both % M]
+                to, start, change = g // of_level, g // lanes % 2, jump[at]
                 chance[g] = change[start] if to != start else 1.0 - change[start]
                 weight[g % of_level] = change[1 - start] / (
                     change[0] + change[1])    # as long after it began
@@ -113,7 +115,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
         rate_of, wild_of, e_of, per_f_of = (
             rate.reshape(by_path), wild.reshape(by_path), e.reshape(by_path),
             per_f.reshape(kinds, *by_path))
-        told = np.zeros((rows, lanes))
+        told = np.zeros((rows, tell))
         due = 0 if len(later) else -1
         for i in range(N):
             h, h2 = H[i], H[i, moved] * H[i, moved]
@@ -188,15 +190,15 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                 _share_paths(here_of, prior_of, seen, mass, share_of, weight_of)
                 _merge_paths(share_of, gain_of, shrink_of, step_of, h, moved, A, apart,
                              new, x_of, P_of, Ph_of)
-            if rows and levels * kinds == 1:
-                for g in range(lanes):
+            if tell and levels * kinds == 1:
+                for g in range(tell):
                     told[0, g] = e[g] * np.sqrt(per_f[0, g])
-            elif rows:
+            elif tell:
                 _probabilities_beside(rate_of, prior_of, per_f_of, e_of, less, power,
                                       told)
-            if rows > 2:
+            if tell and rows > 2:
                 _odd_and_log_score(here_of, wild_of, mass, least, weight, told)
-            for g in range(number if rows else 0):
+            for g in range(min(number, tell)):
                 for row in range(rows if seen[g] > 0.0 else 0):
                     out[record[g], node[g], row, i] = told[row, g]
         for g in range(number):
@@ -212,8 +214,8 @@ def _filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
     """Groups of `mixture_filters` of outliers alone, of as many states as another, none
     of them in pairs. Probabilities have samples for lanes.
     """
-    N, M, n, rows = y.shape[1], own.shape[1], len(states), out.shape[2]
-    count, value = len(y) * M, 4 * n + n * n
+    (R, N), M, n, rows = y.shape, own.shape[1], len(states), out.shape[2]
+    count, value = R * M, 4 * n + n * n
     kept, of_kind = value + 4, (1, STRETCH)
     node, told = np.empty((value + 12) * LANES), np.empty((rows, STRETCH))
     past = np.empty((LANES, 6, *of_kind))
@@ -222,8 +224,10 @@ def _filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
     for group in range(first, last):
         begin, log_f = group * LANES, np.zeros(LANES)
         number = min(LANES, count - begin)
+        # nodes whose samples are told come first
+        tell = min(number, max(R * out.shape[1] - begin, 0)) if rows else 0
         both = np.minimum(begin + np.arange(LANES), count - 1)
-        record, at = both // M, both % M
+        record, at = both % R, both // R
         for g in range(LANES):
             for s in range(n):
                 node[s * LANES + g] = own[0, at[g], s]
@@ -247,10 +251,10 @@ def _filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
                     log_f[g] -= np.log(node[(kept + 7) * LANES + g])
                     node[(kept + 7) * LANES + g] = 1.0
             j = i % STRETCH
-            for g in range(number if rows else 0):
+            for g in range(tell):
                 for k in range(6 if rows > 2 else 3):
                     past[g, k, 0, j] = node[(kept + k) * LANES + g]
-            for g in range(number if rows and (j == STRETCH - 1 or i == N - 1) else 0):
+            for g in range(tell if j == STRETCH - 1 or i == N - 1 else 0):
                 e, near, here, wild = past[g, 0], past[g, 3, 0], past[g, 4], past[g, 5]
                 rate[:] = outlier[at[g], 0]
                 _probabilities_beside(rate, always, past[g, 1:3], e, score, beyond,
@@ -430,9 +434,9 @@ def exponentials(x, power, bits):
 @njit(**JIT)
 def _probabilities_beside(rate, prior, per_f, e, score, beyond, told):
     """Predictive probabilities below and above a sample, the first rows of told
-    (2 or 5, lanes), over paths (paths, lanes) and kinds.
+    (2 or 5, lanes), over paths (paths, lanes or more) and kinds.
     """
-    paths, lanes = rate.shape
+    paths, lanes = len(rate), told.shape[1]
     for row in range(2):
         for g in range(lanes):
             told[row, g] = 0.0
@@ -457,10 +461,9 @@ def _odd_and_log_score(here, wild, mass, least, weight, told):
     """The other rows of told: probability of an outlier, log density, and probability
     of the second level.
     """
-    paths, lanes = here.shape
-    for g in range(lanes):
+    for g in range(told.shape[1]):
         odd = 0.0
-        for path in range(paths):
+        for path in range(len(here)):
             odd += here[path, g] * wild[path, g]
         told[2, g] = odd / mass[g]
         told[3, g] = np.log(mass[g]) - least[g] - 0.5 * LOG_2PI
