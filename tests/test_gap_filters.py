@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal, norm
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene
-from sensorlab.gap import filters, kernels, mixtures, scans, signatures
+from sensorlab.gap import filters, kernels, mixtures, scans, signatures, unrolled
 from sensorlab.gap.catalogue import join
 
 
@@ -117,14 +117,16 @@ def test_outliers_in_white_noise_are_an_independent_mixture():
     assert_allclose(norm.cdf(p.z[0, 0]), cdf, rtol=1e-9)
 
 
-@pytest.mark.parametrize("names", [("outliers",), ("noise_step", "outliers")])
-def test_unrolled_filters_of_outliers_are_the_general_ones(short, names, monkeypatch):
+@pytest.mark.parametrize("names", [
+    ("outliers",), ("noise_step", "outliers"), ("random_telegraph",),
+    ("noise_step", "noise_bursts"), ("random_steps",)])
+def test_unrolled_mixture_filters_are_the_general_ones(short, names, monkeypatch):
     scene, *_ = short
     h = member(scene, paper_case(3)[1], *names)
     u = np.random.default_rng(1).uniform(0.1, 0.9, (6, len(h.parameters)))
     theta = sensorid.at_quantiles(h.parameters, u)
-    found = filters.Signature(Found(CATALOGUE["sinusoid"]), np.column_stack(
-        [np.cos(0.3 * scene.time), np.sin(0.3 * scene.time)]), 2.0)
+    found = filters.Signature(Found(CATALOGUE["sinusoid"]), np.cos(
+        0.3 * scene.time)[:, None], 2.0)
     y = scene.y + np.random.default_rng(2).standard_normal((3, 200))
     y[1, 190:] = np.nan
     y[2, ::20] += 9.0
@@ -133,9 +135,10 @@ def test_unrolled_filters_of_outliers_are_the_general_ones(short, names, monkeyp
         return (filters.predict(h, scene, (found,), theta, y),
                 filters.predict(h, scene, (found,), theta, y, whole=False).z,
                 filters.log_likelihoods(h, scene, (found,), theta))
-    unrolled = answers()
-    monkeypatch.setattr(mixtures, "UNROLLED", 0)
-    for one, other in zip(unrolled, answers()):
+    fast = answers()
+    for most in ("UNROLLED", "UNROLLED_LEVELS"):
+        monkeypatch.setattr(mixtures, most, 0)
+    for one, other in zip(fast, answers()):
         for part, expected in zip(one, other) if isinstance(one, tuple) else (
                 (one, other),):
             assert_allclose(part, expected, rtol=1e-9, atol=1e-11)
@@ -144,11 +147,11 @@ def test_unrolled_filters_of_outliers_are_the_general_ones(short, names, monkeyp
 def test_tail_is_that_of_the_normal_law_as_far_as_there_are_numbers():
     score = np.linspace(0.0, 37.0, 2001)
     expected = norm.sf(score)
-    actual = np.array([mixtures.tail(one) for one in score])
+    actual = np.array([unrolled.tail(one) for one in score])
     near = score < 8.0
     assert_allclose(actual[near], expected[near], rtol=1e-10)
     assert_allclose(actual, expected, rtol=2e-9)    # rounding of ten squares
-    assert mixtures.tail(40.0) == 0.0
+    assert unrolled.tail(40.0) == 0.0
 
 
 def test_telegraph_in_white_noise_is_a_hidden_markov_chain():

@@ -37,8 +37,8 @@ Notation
     z            normal scores of a record, N(0, 1) and white if all is well
 
 The files read in the order of the argument; each takes only from those before it:
-costs, effects, catalogue, kernels, mixtures, filters, evidence, screens, spectra,
-signatures, onsets, scans, readings, account, directed, causes, probes, places,
+costs, effects, catalogue, kernels, unrolled, mixtures, filters, evidence, screens,
+spectra, signatures, onsets, scans, readings, account, directed, causes, probes, places,
 distance, closure, drift, twins, flexible, search, remainder, verdict, diagnosis,
 blackbox, sizes, words, report, curves.
 """

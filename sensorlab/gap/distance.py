@@ -14,7 +14,6 @@ from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene, simulate_effects
 from sensorlab.gap.filters import (
     Filter, Shared, filter_of, filtered, predict, predict_first, shared)
-from sensorlab.gap.kernels import LANES
 from sensorlab.gap.places import PLACES, Statistics, statistics
 from sensorlab.gap.probes import Probes, probes
 from sensorlab.gap.readings import COARSE, lattice_and_noise, misleads, without_readings
@@ -215,12 +214,12 @@ class _Refit(NamedTuple):
             np.isnan(setting.own[0])))
 
     def block(self, trials):
-        """Of so many simulated records, how many are filtered at once: each at as many
-        nodes, of which a mixture filter has several for the price of one.
+        """Of so many simulated records, how many are filtered at once: a mixture filter
+        has several for the price of one.
         """
-        most = max(BLOCK // len(self.setting.scene.y), LANES // (
-            len(self.free) + 1) if self.setting.acc.member.has_jumps else 1)
-        return int(np.clip(most, 1, -(-trials // 2)))
+        several = 2 if self.setting.acc.member.has_jumps else 1
+        return int(np.clip(several * BLOCK // len(self.setting.scene.y), 1, -(
+            -trials // 2)))
 
     @property
     def nodes(self):

@@ -8,13 +8,14 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.polynomial.chebyshev import cheb2poly, chebfit
-from scipy.special import erfcx
 
 from sensorid import JIT, LOG_2PI
 from sensorlab.gap.kernels import (
     KERNEL, LANES, drive, groups, in_threads, lanes_for, load, observe_covariance,
     observe_state, turn, turn_covariance, update_covariance, update_state)
+from sensorlab.gap.unrolled import (
+    UNROLLED, UNROLLED_LEVELS, filter_levels, filter_outliers, odd_and_log_score,
+    probabilities_beside)
 
 
 def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
@@ -37,15 +38,18 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
     total = np.empty((len(y), own.shape[1]))
     levels = 2 if jump[:, 2:].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
-    n = len(pair)
-    if (levels, kinds) == (1, 2) and n <= UNROLLED and not len(later) and (
-            pair == np.arange(n)).all():
-        in_threads(_filter_outliers, groups(total.size, LANES), (0,) * n, y, H, own, r,
-                   outlier, out, total)
-        return total
-    lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
-    in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y, H,
-               own, pair, later, r, outlier, jump, out, total, moved)
+    few = (0,) * len(pair), y, H, own, r
+    most = {(1, 2): UNROLLED, (2, 1): UNROLLED_LEVELS}.get((levels, kinds), 0)
+    if len(pair) > most or len(later) or (pair != np.arange(len(pair))).any():
+        lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
+        in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y,
+                   H, own, pair, later, r, outlier, jump, out, total, moved)
+    elif levels == 1:
+        in_threads(filter_outliers, groups(total.size, LANES), *few, outlier, out,
+                   total)
+    else:
+        in_threads(filter_levels, groups(total.size, LANES), *few, jump, moved, out,
+                   total)
     return total
 
 
@@ -194,137 +198,15 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                 for g in range(tell):
                     told[0, g] = e[g] * np.sqrt(per_f[0, g])
             elif tell:
-                _probabilities_beside(rate_of, prior_of, per_f_of, e_of, less, power,
+                probabilities_beside(rate_of, prior_of, per_f_of, e_of, less, power,
                                       told)
             if tell and rows > 2:
-                _odd_and_log_score(here_of, wild_of, mass, least, weight, told)
+                odd_and_log_score(here_of, wild_of, mass, least, weight, told)
             for g in range(min(number, tell)):
                 for row in range(rows if seen[g] > 0.0 else 0):
                     out[record[g], node[g], row, i] = told[row, g]
         for g in range(number):
             total[record[g], node[g]] = -log_f[g]
-
-
-UNROLLED = 6     # states that a filter of outliers has at most: LLVM unrolls no more
-STRETCH = 64     # samples whose probabilities are told at once
-
-
-@njit(**KERNEL)
-def _filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
-    """Groups of `mixture_filters` of outliers alone, of as many states as another, none
-    of them in pairs. Probabilities have samples for lanes.
-    """
-    (R, N), M, n, rows = y.shape, own.shape[1], len(states), out.shape[2]
-    count, value = R * M, 4 * n + n * n
-    kept, of_kind = value + 4, (1, STRETCH)
-    node, told = np.empty((value + 12) * LANES), np.empty((rows, STRETCH))
-    past = np.empty((LANES, 6, *of_kind))
-    rate, always = np.empty(of_kind), np.ones(of_kind)
-    score, beyond = np.empty(STRETCH), np.empty(STRETCH)
-    for group in range(first, last):
-        begin, log_f = group * LANES, np.zeros(LANES)
-        number = min(LANES, count - begin)
-        # nodes whose samples are told come first
-        tell = min(number, max(R * out.shape[1] - begin, 0)) if rows else 0
-        both = np.minimum(begin + np.arange(LANES), count - 1)
-        record, at = both % R, both // R
-        for g in range(LANES):
-            for s in range(n):
-                node[s * LANES + g] = own[0, at[g], s]
-                node[(n + s) * LANES + g] = own[2, at[g], s]
-                node[(2 * n + s) * LANES + g] = 0.0
-                for t in range(n):
-                    node[(3 * n + s * n + t) * LANES + g] = (
-                        own[4, at[g], s] if s == t else 0.0)
-            for k in range(2):
-                node[(value + 2 + k) * LANES + g] = outlier[at[g], k]
-            node[(kept + 6) * LANES + g], node[(kept + 7) * LANES + g] = 0.0, 1.0
-        for i in range(N):
-            for g in range(LANES):
-                node[value * LANES + g] = y[record[g], i]
-            if i == 0 or r.shape[1] > 1:
-                for g in range(LANES):
-                    node[(value + 1) * LANES + g] = r[at[g], i]
-            _outliers_unrolled(H, i, states, node)
-            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
-                for g in range(LANES):
-                    log_f[g] -= np.log(node[(kept + 7) * LANES + g])
-                    node[(kept + 7) * LANES + g] = 1.0
-            j = i % STRETCH
-            for g in range(tell):
-                for k in range(6 if rows > 2 else 3):
-                    past[g, k, 0, j] = node[(kept + k) * LANES + g]
-            for g in range(tell if j == STRETCH - 1 or i == N - 1 else 0):
-                e, near, here, wild = past[g, 0], past[g, 3, 0], past[g, 4], past[g, 5]
-                rate[:] = outlier[at[g], 0]
-                _probabilities_beside(rate, always, past[g, 1:3], e, score, beyond,
-                                      told)
-                if rows > 2:
-                    _odd_and_log_score(here, wild, here[0], near, always[0], told)
-                for row in range(rows):
-                    for k in range(j + 1):
-                        if not np.isnan(y[record[g], i - j + k]):
-                            out[record[g], at[g], row, i - j + k] = told[row, k]
-        for g in range(number):
-            total[record[g], at[g]] = -log_f[g] - node[(kept + 6) * LANES + g]
-
-
-@njit(**JIT)
-def _outliers_unrolled(H, i, states, node):
-    """A sample of a filter of outliers in all lanes, of as many states as another:
-    unrolled, and in one array, as `sensorid._gain_unrolled` is.
-
-    node has rows of LANES: Phi, Q and x (n) of states, P (n x n) and P h (n); value,
-    NaN where none is seen, R, and rate and variance of outliers; innovation, 1 / f of
-    either kind, least exponent, density over it, share of outliers; the sum of the
-    exponents so far and the product of the densities.
-    """
-    n = len(states)
-    x, P, Ph, value = 2 * n, 3 * n, 3 * n + n * n, 4 * n + n * n
-    r, rates, wider, kept = value + 1, value + 2, value + 3, value + 4
-    for g in range(LANES):
-        nu = node[value * LANES + g]
-        seen = 1.0 if nu == nu else 0.0
-        nu = nu if nu == nu else 0.0
-        for s in range(n):
-            for t in range(s + 1):
-                new = (node[s * LANES + g] * node[(P + s * n + t) * LANES + g]
-                       * node[t * LANES + g])
-                if s == t:
-                    new += node[(n + s) * LANES + g]
-                node[(P + s * n + t) * LANES + g] = new
-                node[(P + t * n + s) * LANES + g] = new
-        f = node[r * LANES + g]
-        for s in range(n):
-            own, new = 0.0, node[s * LANES + g] * node[(x + s) * LANES + g]
-            for t in range(n):
-                own += node[(P + s * n + t) * LANES + g] * H[i, t]
-            node[(Ph + s) * LANES + g], node[(x + s) * LANES + g] = own, new
-            f += H[i, s] * own
-            nu -= H[i, s] * new
-        nu *= seen
-        k, odd_k = 1.0 / f, 1.0 / (f + node[wider * LANES + g])
-        rate = node[rates * LANES + g]
-        # no sample is as far out for an outlier
-        near = 0.5 * odd_k * nu * nu
-        odd = rate * np.sqrt(odd_k)
-        both = odd + (1.0 - rate) * np.sqrt(k) * exponential(near - 0.5 * k * nu * nu)
-        share = odd / both
-        apart = k - odd_k
-        told = nu, k, odd_k, near, both, share
-        for row in range(6):
-            node[(kept + row) * LANES + g] = told[row]
-        node[(kept + 6) * LANES + g] += seen * (near + 0.5 * LOG_2PI)
-        node[(kept + 7) * LANES + g] *= seen * both + (1.0 - seen)
-        mean = seen * (k - share * apart)
-        shrink = mean - seen * share * (1.0 - share) * (apart * nu)**2
-        for s in range(n):
-            node[(x + s) * LANES + g] += node[(Ph + s) * LANES + g] * mean * nu
-            for t in range(s + 1):
-                new = node[(P + s * n + t) * LANES + g] - (
-                    node[(Ph + s) * LANES + g] * node[(Ph + t) * LANES + g] * shrink)
-                node[(P + s * n + t) * LANES + g] = new
-                node[(P + t * n + s) * LANES + g] = new
 
 
 @njit(**JIT)
@@ -429,86 +311,6 @@ def exponentials(x, power, bits):
         bits[g] = (bits[g] + 1023) << 52    # 2^n
     for g in range(len(x)):
         x[g] *= power[g]
-
-
-@njit(**JIT)
-def _probabilities_beside(rate, prior, per_f, e, score, beyond, told):
-    """Predictive probabilities below and above a sample, the first rows of told
-    (2 or 5, lanes), over paths (paths, lanes or more) and kinds.
-    """
-    paths, lanes = len(rate), told.shape[1]
-    for row in range(2):
-        for g in range(lanes):
-            told[row, g] = 0.0
-    for kind in range(len(per_f)):
-        for path in range(paths):
-            for g in range(lanes):
-                score[g] = np.abs(e[path, g]) * np.sqrt(per_f[kind, path, g])
-            for g in range(lanes):
-                beyond[g] = tail(score[g])
-            for g in range(lanes):
-                score[g] = prior[path, g] * (
-                    rate[path, g] if kind else 1.0 - rate[path, g])
-                beyond[g] *= score[g]
-            for g in range(lanes):
-                near, positive = score[g] - beyond[g], e[path, g] > 0.0
-                told[0, g] += near if positive else beyond[g]
-                told[1, g] += beyond[g] if positive else near
-
-
-@njit(**JIT)
-def _odd_and_log_score(here, wild, mass, least, weight, told):
-    """The other rows of told: probability of an outlier, log density, and probability
-    of the second level.
-    """
-    for g in range(told.shape[1]):
-        odd = 0.0
-        for path in range(len(here)):
-            odd += here[path, g] * wild[path, g]
-        told[2, g] = odd / mass[g]
-        told[3, g] = np.log(mass[g]) - least[g] - 0.5 * LOG_2PI
-        told[4, g] = 1.0 - weight[g]
-
-
-def _series_of_tail(degree=14):
-    """Coefficients, the highest first, of erfcx(a) / t, t = 1 / (1 + a / 4), in powers
-    of 2 t - 1: to 1e-10 of it.
-    """
-    x = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
-    t = 0.5 * (x + 1.0)
-    series = cheb2poly(chebfit(x, erfcx(4.0 / t - 4.0) / t, degree))
-    return tuple(series[::-1].tolist())
-
-
-TAIL = _series_of_tail()
-
-
-@njit(**JIT)
-def exponential(x):
-    """exp of a number from -708 to 0 to 1e-12 of it, for vectors, by the 1024th power
-    of its series; of less, as of -708.
-    """
-    x = (x if x > -708.0 else -708.0) / 1024.0
-    e = 1.0 + x * (1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (
-        1 / 720 + x * (1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * (
-            1 / 3628800 + x * (1 / 39916800 + x * (1 / 479001600))))))))))))
-    for _ in range(10):
-        e *= e
-    return e
-
-
-@njit(**JIT)
-def tail(score):
-    """Probability of a normal score beyond one that is not negative, to 1e-9 of it: the
-    function of a library takes one number at a time.
-    """
-    a = score * math.sqrt(0.5)
-    t, series = 1.0 / (1.0 + 0.25 * a), 0.0
-    for k in range(len(TAIL)):
-        series = series * (2.0 * t - 1.0) + TAIL[k]
-    # beyond, numbers are too small to be fast
-    e = exponential(-a * a if a < 26.4 else -26.4 * 26.4)
-    return 0.5 * t * series * e * (1.0 if a < 26.4 else 0.0)
 
 
 @njit(**KERNEL)

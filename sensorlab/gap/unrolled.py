@@ -1,0 +1,466 @@
+"""Mixture filters of few states, none of them in pairs, unrolled.
+
+All numbers of a group are rows of lanes in one array, and the loops over states, whose
+number is the length of a tuple, have known lengths: LLVM unrolls these, if they are
+short, and makes vectors of the loop around them. That must be long enough not to be
+unrolled itself, and what follows from the level must be known, too: a level, or the end
+of a path, is a tuple that is empty or not.
+"""
+
+import math
+from itertools import accumulate
+
+import numpy as np
+from numba import njit
+from numpy.polynomial.chebyshev import cheb2poly, chebfit
+from scipy.special import erfcx
+
+from sensorid import JIT, LOG_2PI
+from sensorlab.gap.kernels import KERNEL, LANES
+
+UNROLLED = 6     # states that a filter of outliers has at most, and one of two levels:
+UNROLLED_LEVELS = 4    # LLVM unrolls no more
+STRETCH = 64     # samples whose probabilities are told at once
+
+
+def _series_of_tail(degree=14):
+    """Coefficients, the highest first, of erfcx(a) / t, t = 1 / (1 + a / 4), in powers
+    of 2 t - 1: to 1e-10 of it.
+    """
+    x = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
+    t = 0.5 * (x + 1.0)
+    series = cheb2poly(chebfit(x, erfcx(4.0 / t - 4.0) / t, degree))
+    return tuple(series[::-1].tolist())
+
+
+TAIL = _series_of_tail()
+
+
+@njit(**JIT)
+def exponential(x):
+    """exp of a number from -708 to 0 to 1e-12 of it, for vectors, by the 1024th power
+    of its series; of less, as of -708.
+    """
+    x = (x if x > -708.0 else -708.0) / 1024.0
+    e = 1.0 + x * (1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (
+        1 / 720 + x * (1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * (
+            1 / 3628800 + x * (1 / 39916800 + x * (1 / 479001600))))))))))))
+    for _ in range(10):
+        e *= e
+    return e
+
+
+@njit(**JIT)
+def tail(score):
+    """Probability of a normal score beyond one that is not negative, to 1e-9 of it: the
+    function of a library takes one number at a time.
+    """
+    a = score * math.sqrt(0.5)
+    t, series = 1.0 / (1.0 + 0.25 * a), 0.0
+    for k in range(len(TAIL)):
+        series = series * (2.0 * t - 1.0) + TAIL[k]
+    # beyond, numbers are too small to be fast
+    e = exponential(-a * a if a < 26.4 else -26.4 * 26.4)
+    return 0.5 * t * series * e * (1.0 if a < 26.4 else 0.0)
+
+
+@njit(**JIT)
+def probabilities_beside(rate, prior, per_f, e, score, beyond, told):
+    """Predictive probabilities below and above a sample, the first rows of told
+    (2 or 5, lanes), over paths (paths, lanes or more) and kinds.
+    """
+    paths, lanes = len(rate), told.shape[1]
+    for row in range(2):
+        for g in range(lanes):
+            told[row, g] = 0.0
+    for kind in range(len(per_f)):
+        for path in range(paths):
+            for g in range(lanes):
+                score[g] = np.abs(e[path, g]) * np.sqrt(per_f[kind, path, g])
+            for g in range(lanes):
+                beyond[g] = tail(score[g])
+            for g in range(lanes):
+                score[g] = prior[path, g] * (
+                    rate[path, g] if kind else 1.0 - rate[path, g])
+                beyond[g] *= score[g]
+            for g in range(lanes):
+                near, positive = score[g] - beyond[g], e[path, g] > 0.0
+                told[0, g] += near if positive else beyond[g]
+                told[1, g] += beyond[g] if positive else near
+
+
+@njit(**JIT)
+def odd_and_log_score(here, wild, mass, least, weight, told):
+    """The other rows of told: probability of an outlier, log density, and probability
+    of the second level.
+    """
+    for g in range(told.shape[1]):
+        odd = 0.0
+        for path in range(len(here)):
+            odd += here[path, g] * wild[path, g]
+        told[2, g] = odd / mass[g]
+        told[3, g] = np.log(mass[g]) - least[g] - 0.5 * LOG_2PI
+        told[4, g] = 1.0 - weight[g]
+
+
+# ---- outliers alone
+
+@njit(**KERNEL)
+def filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
+    """Groups of `mixtures.mixture_filters` of outliers alone. Probabilities have
+    samples for lanes.
+    """
+    (R, N), M, n, rows = y.shape, own.shape[1], len(states), out.shape[2]
+    count, value = R * M, 4 * n + n * n
+    kept, of_kind = value + 4, (1, STRETCH)
+    node, told = np.empty((value + 12) * LANES), np.empty((rows, STRETCH))
+    past = np.empty((LANES, 6, *of_kind))
+    rate, always = np.empty(of_kind), np.ones(of_kind)
+    score, beyond = np.empty(STRETCH), np.empty(STRETCH)
+    for group in range(first, last):
+        begin, log_f = group * LANES, np.zeros(LANES)
+        number = min(LANES, count - begin)
+        # nodes whose samples are told come first
+        tell = min(number, max(R * out.shape[1] - begin, 0)) if rows else 0
+        both = np.minimum(begin + np.arange(LANES), count - 1)
+        record, at = both % R, both // R
+        for g in range(LANES):
+            for s in range(n):
+                node[s * LANES + g] = own[0, at[g], s]
+                node[(n + s) * LANES + g] = own[2, at[g], s]
+                node[(2 * n + s) * LANES + g] = 0.0
+                for t in range(n):
+                    node[(3 * n + s * n + t) * LANES + g] = (
+                        own[4, at[g], s] if s == t else 0.0)
+            for k in range(2):
+                node[(value + 2 + k) * LANES + g] = outlier[at[g], k]
+            node[(kept + 6) * LANES + g], node[(kept + 7) * LANES + g] = 0.0, 1.0
+        for i in range(N):
+            for g in range(LANES):
+                node[value * LANES + g] = y[record[g], i]
+            if i == 0 or r.shape[1] > 1:
+                for g in range(LANES):
+                    node[(value + 1) * LANES + g] = r[at[g], i]
+            _outliers_unrolled(H, i, states, node)
+            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
+                for g in range(LANES):
+                    log_f[g] -= np.log(node[(kept + 7) * LANES + g])
+                    node[(kept + 7) * LANES + g] = 1.0
+            j = i % STRETCH
+            for g in range(tell):
+                for k in range(6 if rows > 2 else 3):
+                    past[g, k, 0, j] = node[(kept + k) * LANES + g]
+            for g in range(tell if j == STRETCH - 1 or i == N - 1 else 0):
+                e, near, here, wild = past[g, 0], past[g, 3, 0], past[g, 4], past[g, 5]
+                rate[:] = outlier[at[g], 0]
+                probabilities_beside(rate, always, past[g, 1:3], e, score, beyond,
+                                      told)
+                if rows > 2:
+                    odd_and_log_score(here, wild, here[0], near, always[0], told)
+                for row in range(rows):
+                    for k in range(j + 1):
+                        if not np.isnan(y[record[g], i - j + k]):
+                            out[record[g], at[g], row, i - j + k] = told[row, k]
+        for g in range(number):
+            total[record[g], at[g]] = -log_f[g] - node[(kept + 6) * LANES + g]
+
+
+@njit(**JIT)
+def _outliers_unrolled(H, i, states, node):
+    """A sample of a filter of outliers in all lanes, of as many states as another:
+    unrolled, and in one array, as `sensorid._gain_unrolled` is.
+
+    node has rows of LANES: Phi, Q and x (n) of states, P (n x n) and P h (n); value,
+    NaN where none is seen, R, and rate and variance of outliers; innovation, 1 / f of
+    either kind, least exponent, density over it, share of outliers; the sum of the
+    exponents so far and the product of the densities.
+    """
+    n = len(states)
+    x, P, Ph, value = 2 * n, 3 * n, 3 * n + n * n, 4 * n + n * n
+    r, rates, wider, kept = value + 1, value + 2, value + 3, value + 4
+    for g in range(LANES):
+        nu = node[value * LANES + g]
+        seen = 1.0 if nu == nu else 0.0
+        nu = nu if nu == nu else 0.0
+        for s in range(n):
+            for t in range(s + 1):
+                new = (node[s * LANES + g] * node[(P + s * n + t) * LANES + g]
+                       * node[t * LANES + g])
+                if s == t:
+                    new += node[(n + s) * LANES + g]
+                node[(P + s * n + t) * LANES + g] = new
+                node[(P + t * n + s) * LANES + g] = new
+        f = node[r * LANES + g]
+        for s in range(n):
+            own, new = 0.0, node[s * LANES + g] * node[(x + s) * LANES + g]
+            for t in range(n):
+                own += node[(P + s * n + t) * LANES + g] * H[i, t]
+            node[(Ph + s) * LANES + g], node[(x + s) * LANES + g] = own, new
+            f += H[i, s] * own
+            nu -= H[i, s] * new
+        nu *= seen
+        k, odd_k = 1.0 / f, 1.0 / (f + node[wider * LANES + g])
+        rate = node[rates * LANES + g]
+        # no sample is as far out for an outlier
+        near = 0.5 * odd_k * nu * nu
+        odd = rate * np.sqrt(odd_k)
+        both = odd + (1.0 - rate) * np.sqrt(k) * exponential(near - 0.5 * k * nu * nu)
+        share = odd / both
+        apart = k - odd_k
+        told = nu, k, odd_k, near, both, share
+        for row in range(6):
+            node[(kept + row) * LANES + g] = told[row]
+        node[(kept + 6) * LANES + g] += seen * (near + 0.5 * LOG_2PI)
+        node[(kept + 7) * LANES + g] *= seen * both + (1.0 - seen)
+        mean = seen * (k - share * apart)
+        shrink = mean - seen * share * (1.0 - share) * (apart * nu)**2
+        for s in range(n):
+            node[(x + s) * LANES + g] += node[(Ph + s) * LANES + g] * mean * nu
+            for t in range(s + 1):
+                new = node[(P + s * n + t) * LANES + g] - (
+                    node[(Ph + s) * LANES + g] * node[(Ph + t) * LANES + g] * shrink)
+                node[(P + s * n + t) * LANES + g] = new
+                node[(P + t * n + s) * LANES + g] = new
+
+
+# ---- a level that is one of two, or steps at random
+
+# Rows behind those of the states, which are Phi and Q (n each), then x (n), P (n x n)
+# and P h (n) of either level: value, NaN where none is seen; R; innovation and its
+# variance of each level; chance of each path; what a level adds to the value, to the
+# variance of the noise and to that of the state that steps; probabilities of the
+# levels; of each path its innovation, 1 / f, prior probability and share of the density
+# over the least exponent; this and the density; of each path its share of its level and
+# 1 / f where something is seen; the sum of the exponents so far and the product of the
+# densities; both levels as they will be, and the difference of two states.
+# Paths: those to the first level, from either, then those to the second.
+ROWS = dict(value=1, noise=1, nu=2, f=2, chance=4, offset=2, louder=2, step=1, weight=2,
+            e=4, per_f=4, prior=4, here=4, least=1, mass=1, share=4, seen_per_f=4,
+            exponents=1, product=1)
+(NOISE, NU, F, CHANCE, OFFSET, LOUDER, STEP, WEIGHT, E, PER_F, PRIOR, HERE, LEAST, MASS,
+ SHARE, SEEN_PER_F, EXPONENTS, PRODUCT, MADE) = accumulate(ROWS.values())
+TOLD = SHARE - E    # rows of which a sample is told
+
+
+@njit(**JIT)
+def _value_row(n):
+    return 6 * n + 2 * n * n
+
+
+@njit(**KERNEL)
+def filter_levels(first, last, states, y, H, own, r, jump, moved, out, total):
+    """Groups of `mixtures.mixture_filters` of a level without outliers. Probabilities
+    have samples for lanes.
+    """
+    (R, N), M, n, rows = y.shape, own.shape[1], len(states), out.shape[2]
+    count, v = R * M, _value_row(n)
+    node = np.empty((v + MADE + 2 * n * (n + 1) + n) * LANES)
+    told, past = np.empty((rows, STRETCH)), np.empty((LANES, TOLD + 1, STRETCH))
+    never, of_kind = np.zeros((4, STRETCH)), (1, 4, STRETCH)
+    score, beyond, stepped = np.empty(STRETCH), np.empty(STRETCH), np.zeros(n)
+    for group in range(first, last):
+        begin, log_f = group * LANES, np.zeros(LANES)
+        number = min(LANES, count - begin)
+        # nodes whose samples are told come first
+        tell = min(number, max(R * out.shape[1] - begin, 0)) if rows else 0
+        both = np.minimum(begin + np.arange(LANES), count - 1)
+        record, at = both % R, both // R
+        node[:] = 0.0
+        for g in range(LANES):
+            for s in range(n):
+                node[s * LANES + g] = own[0, at[g], s]
+                node[(n + s) * LANES + g] = own[2, at[g], s]
+                for level in range(2):
+                    k = 4 * n + level * n * n + s * n + s
+                    node[k * LANES + g] = own[4, at[g], s]
+            starts, ends, half, louder, step = jump[at[g]]
+            law = (1.0 - starts, ends, starts, 1.0 - ends, -half, half, 0.0, louder,
+                   step, ends / (starts + ends), starts / (starts + ends))
+            for k in range(len(law)):    # as long after the level began
+                node[(v + CHANCE + k) * LANES + g] = law[k]
+            node[(v + PRODUCT) * LANES + g] = 1.0
+        for i in range(N):
+            for g in range(LANES):
+                node[v * LANES + g] = y[record[g], i]
+            if i == 0 or r.shape[1] > 1:
+                for g in range(LANES):
+                    node[(v + NOISE) * LANES + g] = r[at[g], i]
+            stepped[moved] = H[i, moved]
+            _predict(H, i, states, (), node)
+            _predict(H, i, states, (0,), node)
+            _take_path(states, (), (), stepped[moved], node)
+            _take_path(states, (), (0,), stepped[moved], node)
+            _take_path(states, (0,), (), stepped[moved], node)
+            _take_path(states, (0,), (0,), stepped[moved], node)
+            _weigh_paths(states, node)
+            _share_levels(states, node)
+            _merge(states, (), stepped, node)
+            _merge(states, (0,), stepped, node)
+            _go_on(states, moved, node)
+            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
+                for g in range(LANES):
+                    log_f[g] -= np.log(node[(v + PRODUCT) * LANES + g])
+                    node[(v + PRODUCT) * LANES + g] = 1.0
+            j = i % STRETCH
+            for g in range(tell):
+                for k in range(TOLD):
+                    past[g, k, j] = node[(v + E + k) * LANES + g]
+                past[g, TOLD, j] = node[(v + WEIGHT) * LANES + g]
+            for g in range(tell if j == STRETCH - 1 or i == N - 1 else 0):
+                e, per_f, prior, here = (past[g, :4], past[g, 4:8], past[g, 8:12],
+                                         past[g, 12:16])
+                probabilities_beside(never, prior, per_f.reshape(of_kind), e, score,
+                                     beyond, told)
+                if rows > 2:
+                    odd_and_log_score(here, never, past[g, MASS - E],
+                                      past[g, LEAST - E], past[g, TOLD], told)
+                for row in range(rows):
+                    for k in range(j + 1):
+                        if not np.isnan(y[record[g], i - j + k]):
+                            out[record[g], at[g], row, i - j + k] = told[row, k]
+        for g in range(number):
+            total[record[g], at[g]] = -log_f[g] - node[(v + EXPONENTS) * LANES + g]
+
+
+@njit(**JIT)
+def _predict(H, i, states, level, node):
+    """State and covariance of a level at a sample, its innovation and the variance of
+    this, Eqs. (5)-(8).
+    """
+    n, at, v = len(states), len(level), _value_row(len(states))
+    x, P, Ph = (2 + at) * n, 4 * n + at * n * n, (4 + at) * n + 2 * n * n
+    for g in range(LANES):
+        for s in range(n):
+            for t in range(s + 1):
+                new = (node[s * LANES + g] * node[(P + s * n + t) * LANES + g]
+                       * node[t * LANES + g])
+                if s == t:
+                    new += node[(n + s) * LANES + g]
+                node[(P + s * n + t) * LANES + g] = new
+                node[(P + t * n + s) * LANES + g] = new
+        nu, f = node[v * LANES + g], node[(v + NOISE) * LANES + g]
+        for s in range(n):
+            own, new = 0.0, node[s * LANES + g] * node[(x + s) * LANES + g]
+            for t in range(n):
+                own += node[(P + s * n + t) * LANES + g] * H[i, t]
+            node[(Ph + s) * LANES + g], node[(x + s) * LANES + g] = own, new
+            f += H[i, s] * own
+            nu -= H[i, s] * new
+        node[(v + NU + at) * LANES + g] = nu if nu == nu else 0.0
+        node[(v + F + at) * LANES + g] = f
+
+
+@njit(**JIT)
+def _take_path(states, to, start, h, node):
+    """What a path from one level to one makes of a sample; h sees what steps."""
+    v, path = _value_row(len(states)), 2 * len(to) + len(start)
+    for g in range(LANES):
+        e = (node[(v + NU + len(start)) * LANES + g]
+             - node[(v + OFFSET + len(to)) * LANES + g])
+        per_f = 1.0 / (node[(v + F + len(start)) * LANES + g]
+                       + node[(v + LOUDER + len(to)) * LANES + g]
+                       + len(to) * h * h * node[(v + STEP) * LANES + g])
+        node[(v + E + path) * LANES + g] = e
+        node[(v + PER_F + path) * LANES + g] = per_f
+        node[(v + PRIOR + path) * LANES + g] = (
+            node[(v + WEIGHT + len(start)) * LANES + g]
+            * node[(v + CHANCE + path) * LANES + g])
+        node[(v + HERE + path) * LANES + g] = 0.5 * per_f * e * e
+
+
+@njit(**JIT)
+def _weigh_paths(states, node):
+    """Shares of the paths in the density of a sample."""
+    v = _value_row(len(states))
+    for g in range(LANES):
+        a, b = node[(v + HERE) * LANES + g], node[(v + HERE + 1) * LANES + g]
+        c, d = node[(v + HERE + 2) * LANES + g], node[(v + HERE + 3) * LANES + g]
+        to_first, to_second = a if a < b else b, c if c < d else d
+        least = to_first if to_first < to_second else to_second
+        node[(v + LEAST) * LANES + g] = least
+        for path in range(4):
+            node[(v + HERE + path) * LANES + g] = (
+                node[(v + PRIOR + path) * LANES + g]
+                * np.sqrt(node[(v + PER_F + path) * LANES + g])
+                * exponential(least - node[(v + HERE + path) * LANES + g]))
+
+
+@njit(**JIT)
+def _share_levels(states, node):
+    """Probabilities of the levels after a sample, and that a path is the one that led
+    to its level; where nothing is seen, as before.
+    """
+    v = _value_row(len(states))
+    for g in range(LANES):
+        value = node[v * LANES + g]
+        seen = 1.0 if value == value else 0.0
+        mass = node[(v + HERE) * LANES + g] + node[(v + HERE + 1) * LANES + g] + node[
+            (v + HERE + 2) * LANES + g] + node[(v + HERE + 3) * LANES + g]
+        node[(v + MASS) * LANES + g] = mass
+        node[(v + EXPONENTS) * LANES + g] += seen * (
+            node[(v + LEAST) * LANES + g] + 0.5 * LOG_2PI)
+        node[(v + PRODUCT) * LANES + g] *= seen * mass + (1.0 - seen)
+        for to in range(2):
+            path = 2 * to
+            one = node[(v + HERE + path) * LANES + g] / mass
+            one = one if seen > 0.0 else node[(v + PRIOR + path) * LANES + g]
+            other = node[(v + HERE + path + 1) * LANES + g] / mass
+            other = other if seen > 0.0 else node[(v + PRIOR + path + 1) * LANES + g]
+            both = one + other + 1e-200
+            node[(v + WEIGHT + to) * LANES + g] = both if both > 1e-12 else 1e-12
+            node[(v + SHARE + path) * LANES + g] = one / both
+            node[(v + SHARE + path + 1) * LANES + g] = 1.0 - one / both
+        for path in range(4):
+            node[(v + SEEN_PER_F + path) * LANES + g] = (
+                seen * node[(v + PER_F + path) * LANES + g])
+
+
+@njit(**JIT)
+def _merge(states, level, stepped, node):
+    """One Gaussian of a level after a sample, from the two that have led there."""
+    n, to, v = len(states), len(level), _value_row(len(states))
+    x, P, Ph = 2 * n, 4 * n, 4 * n + 2 * n * n
+    one, other, made = 2 * to, 2 * to + 1, v + MADE + to * n * (n + 1)
+    apart = v + MADE + 2 * n * (n + 1)
+    for g in range(LANES):
+        step = to * node[(v + STEP) * LANES + g]
+        share = node[(v + SHARE + one) * LANES + g]
+        rest = node[(v + SHARE + other) * LANES + g]
+        shrink = node[(v + SEEN_PER_F + one) * LANES + g]
+        shrinks = node[(v + SEEN_PER_F + other) * LANES + g]
+        gain = shrink * node[(v + E + one) * LANES + g]
+        gains = shrinks * node[(v + E + other) * LANES + g]
+        for s in range(n):
+            more = stepped[s] * step
+            a = node[(Ph + s) * LANES + g] + more
+            b = node[(Ph + n + s) * LANES + g] + more
+            new = node[(x + n + s) * LANES + g] + b * gains
+            off = node[(x + s) * LANES + g] + a * gain - new
+            node[(made + s) * LANES + g] = new + share * off
+            node[(apart + s) * LANES + g] = off
+            for t in range(s + 1):
+                more = stepped[t] * step
+                first = node[(P + s * n + t) * LANES + g] - a * shrink * (
+                    node[(Ph + t) * LANES + g] + more)
+                second = node[(P + n * n + s * n + t) * LANES + g] - b * shrinks * (
+                    node[(Ph + n + t) * LANES + g] + more)
+                node[(made + n + s * n + t) * LANES + g] = second + share * (
+                    first - second + rest * (off * node[(apart + t) * LANES + g]))
+
+
+@njit(**JIT)
+def _go_on(states, moved, node):
+    """Both levels as they are after a sample."""
+    n, v = len(states), _value_row(len(states))
+    for g in range(LANES):
+        for level in range(2):
+            made, P = v + MADE + level * n * (n + 1), 4 * n + level * n * n
+            for s in range(n):
+                node[((2 + level) * n + s) * LANES + g] = node[(made + s) * LANES + g]
+                for t in range(s + 1):
+                    new = node[(made + n + s * n + t) * LANES + g]
+                    node[(P + s * n + t) * LANES + g] = new
+                    node[(P + t * n + s) * LANES + g] = new
+    k = 4 * n + n * n + moved * (n + 1)
+    for g in range(LANES):
+        node[k * LANES + g] += node[(v + STEP) * LANES + g]
