@@ -38,18 +38,18 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
     total = np.empty((len(y), own.shape[1]))
     levels = 2 if jump[:, 2:].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
-    few = (0,) * len(pair), y, H, own, r
-    most = {(1, 2): UNROLLED, (2, 1): UNROLLED_LEVELS}.get((levels, kinds), 0)
-    if len(pair) > most or len(later) or (pair != np.arange(len(pair))).any():
+    n, away, some = len(pair), abs(pair - np.arange(len(pair))).max(), groups(
+        total.size, LANES)
+    if (levels, kinds) == (1, 2) and n <= UNROLLED and not len(later) and not away:
+        in_threads(filter_outliers, some, (0,) * n, y, H, own, r, outlier, out, total)
+    elif (levels, kinds) == (2, 1) and n <= UNROLLED_LEVELS and not len(
+            later) and away < 2:
+        in_threads(filter_levels, some, (0,) * n, () if away else None, y, H, own, pair,
+                   r, jump, moved, out, total)
+    else:
         lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
         in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y,
                    H, own, pair, later, r, outlier, jump, out, total, moved)
-    elif levels == 1:
-        in_threads(filter_outliers, groups(total.size, LANES), *few, outlier, out,
-                   total)
-    else:
-        in_threads(filter_levels, groups(total.size, LANES), *few, jump, moved, out,
-                   total)
     return total
 
 

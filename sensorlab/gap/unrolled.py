@@ -225,14 +225,16 @@ def _outliers_unrolled(H, i, states, node):
 
 # ---- a level that is one of two, or steps at random
 
-# Rows behind those of the states, which are Phi and Q (n each), then x (n), P (n x n)
-# and P h (n) of either level: value, NaN where none is seen; R; innovation and its
+# Rows behind those of the states, which are Phi, Q, what Phi has before and behind its
+# diagonal, what Q has before it, h, what h sees of a step (n each), then x (n), P (n x
+# n) and P h (n) of either level: value, NaN where none is seen; R; innovation and its
 # variance of each level; chance of each path; what a level adds to the value, to the
 # variance of the noise and to that of the state that steps; probabilities of the
 # levels; of each path its innovation, 1 / f, prior probability and share of the density
 # over the least exponent; this and the density; of each path its share of its level and
 # 1 / f where something is seen; the sum of the exponents so far and the product of the
-# densities; both levels as they will be, and the difference of two states.
+# densities; the first level as it will be, and before that what a chain makes of P; of
+# the two that lead to a level, how far they are apart, and P h.
 # Paths: those to the first level, from either, then those to the second.
 ROWS = dict(value=1, noise=1, nu=2, f=2, chance=4, offset=2, louder=2, step=1, weight=2,
             e=4, per_f=4, prior=4, here=4, least=1, mass=1, share=4, seen_per_f=4,
@@ -244,20 +246,21 @@ TOLD = SHARE - E    # rows of which a sample is told
 
 @njit(**JIT)
 def _value_row(n):
-    return 6 * n + 2 * n * n
+    return 11 * n + 2 * n * n
 
 
 @njit(**KERNEL)
-def filter_levels(first, last, states, y, H, own, r, jump, moved, out, total):
-    """Groups of `mixtures.mixture_filters` of a level without outliers. Probabilities
-    have samples for lanes.
+def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, moved, out,
+                  total):
+    """Groups of `mixtures.mixture_filters` of a level without outliers; a `chain` that
+    is not None has pairs of neighbours. Probabilities have samples for lanes.
     """
     (R, N), M, n, rows = y.shape, own.shape[1], len(states), out.shape[2]
     count, v = R * M, _value_row(n)
-    node = np.empty((v + MADE + 2 * n * (n + 1) + n) * LANES)
+    node = np.empty((v + MADE + n * (n + 4)) * LANES)
     told, past = np.empty((rows, STRETCH)), np.empty((LANES, TOLD + 1, STRETCH))
     never, of_kind = np.zeros((4, STRETCH)), (1, 4, STRETCH)
-    score, beyond, stepped = np.empty(STRETCH), np.empty(STRETCH), np.zeros(n)
+    score, beyond = np.empty(STRETCH), np.empty(STRETCH)
     for group in range(first, last):
         begin, log_f = group * LANES, np.zeros(LANES)
         number = min(LANES, count - begin)
@@ -270,9 +273,14 @@ def filter_levels(first, last, states, y, H, own, r, jump, moved, out, total):
             for s in range(n):
                 node[s * LANES + g] = own[0, at[g], s]
                 node[(n + s) * LANES + g] = own[2, at[g], s]
+                if pair[s] != s:
+                    node[((2 if pair[s] < s else 3) * n + s) * LANES + g] = own[
+                        1, at[g], s]
+                    node[(4 * n + s) * LANES + g] = own[3, at[g], s]
                 for level in range(2):
-                    k = 4 * n + level * n * n + s * n + s
-                    node[k * LANES + g] = own[4, at[g], s]
+                    k = 9 * n + level * n * n + s * n
+                    node[(k + pair[s]) * LANES + g] = own[5, at[g], s]
+                    node[(k + s) * LANES + g] = own[4, at[g], s]
             starts, ends, half, louder, step = jump[at[g]]
             law = (1.0 - starts, ends, starts, 1.0 - ends, -half, half, 0.0, louder,
                    step, ends / (starts + ends), starts / (starts + ends))
@@ -285,17 +293,30 @@ def filter_levels(first, last, states, y, H, own, r, jump, moved, out, total):
             if i == 0 or r.shape[1] > 1:
                 for g in range(LANES):
                     node[(v + NOISE) * LANES + g] = r[at[g], i]
-            stepped[moved] = H[i, moved]
-            _predict(H, i, states, (), node)
-            _predict(H, i, states, (0,), node)
-            _take_path(states, (), (), stepped[moved], node)
-            _take_path(states, (), (0,), stepped[moved], node)
-            _take_path(states, (0,), (), stepped[moved], node)
-            _take_path(states, (0,), (0,), stepped[moved], node)
+            for s in range(n):    # in the same array: it can be no other's
+                for g in range(LANES):
+                    node[(5 * n + s) * LANES + g] = H[i, s]
+            for g in range(LANES):
+                node[(6 * n + moved) * LANES + g] = (
+                    H[i, moved] * node[(v + STEP) * LANES + g])
+            if chain is not None:
+                _turn(states, (), node)
+            _predict(states, (), chain, node)
+            _observe(states, (), chain, node)
+            if chain is not None:
+                _turn(states, (0,), node)
+            _predict(states, (0,), chain, node)
+            _observe(states, (0,), chain, node)
+            _take_path(states, (), (), H[i, moved], node)
+            _take_path(states, (), (0,), H[i, moved], node)
+            _take_path(states, (0,), (), H[i, moved], node)
+            _take_path(states, (0,), (0,), H[i, moved], node)
             _weigh_paths(states, node)
             _share_levels(states, node)
-            _merge(states, (), stepped, node)
-            _merge(states, (0,), stepped, node)
+            _merge_states(states, (), node)
+            _merge_covariances(states, (), node)
+            _merge_states(states, (0,), node)
+            _merge_covariances(states, (0,), node)
             _go_on(states, moved, node)
             if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
                 for g in range(LANES):
@@ -323,29 +344,82 @@ def filter_levels(first, last, states, y, H, own, r, jump, moved, out, total):
 
 
 @njit(**JIT)
-def _predict(H, i, states, level, node):
-    """State and covariance of a level at a sample, its innovation and the variance of
-    this, Eqs. (5)-(8).
-    """
-    n, at, v = len(states), len(level), _value_row(len(states))
-    x, P, Ph = (2 + at) * n, 4 * n + at * n * n, (4 + at) * n + 2 * n * n
+def _lower(n, s, t):
+    """Where an element of a symmetric matrix is, whose lower half is kept."""
+    return s * n + t if s >= t else t * n + s
+
+
+@njit(**JIT)
+def _turn(states, level, node):
+    """Phi P of a level of a chain, where the first level will be."""
+    n, P = len(states), 9 * len(states) + len(level) * len(states)**2
+    turned = _value_row(n) + MADE
+    for g in range(LANES):
+        for s in range(n):
+            for t in range(n):
+                new = (node[s * LANES + g]
+                       * node[(P + _lower(n, s, t)) * LANES + g])
+                if s > 0:
+                    new += (node[(2 * n + s) * LANES + g]
+                            * node[(P + _lower(n, s - 1, t)) * LANES + g])
+                if s < n - 1:
+                    new += (node[(3 * n + s) * LANES + g]
+                            * node[(P + _lower(n, s + 1, t)) * LANES + g])
+                node[(turned + s * n + t) * LANES + g] = new
+
+
+@njit(**JIT)
+def _predict(states, level, chain, node):
+    """Covariance of a level at a sample, Eq. (5), after `_turn` if it is a chain."""
+    n, P = len(states), 9 * len(states) + len(level) * len(states)**2
+    turned = _value_row(n) + MADE
     for g in range(LANES):
         for s in range(n):
             for t in range(s + 1):
-                new = (node[s * LANES + g] * node[(P + s * n + t) * LANES + g]
-                       * node[t * LANES + g])
+                k = s * n + t
+                if chain is None:
+                    new = (node[s * LANES + g] * node[(P + k) * LANES + g]
+                           * node[t * LANES + g])
+                else:
+                    new = node[(turned + k) * LANES + g] * node[t * LANES + g]
+                    if t > 0:
+                        new += (node[(turned + k - 1) * LANES + g]
+                                * node[(2 * n + t) * LANES + g])
+                    if t < n - 1:
+                        new += (node[(turned + k + 1) * LANES + g]
+                                * node[(3 * n + t) * LANES + g])
+                    if t == s - 1:
+                        new += node[(4 * n + s) * LANES + g]
                 if s == t:
                     new += node[(n + s) * LANES + g]
-                node[(P + s * n + t) * LANES + g] = new
-                node[(P + t * n + s) * LANES + g] = new
-        nu, f = node[v * LANES + g], node[(v + NOISE) * LANES + g]
+                node[(P + k) * LANES + g] = new
+
+
+@njit(**JIT)
+def _observe(states, level, chain, node):
+    """State of a level at a sample, its innovation and the variance of this, Eqs. (6)
+    to (8).
+    """
+    n, at, v = len(states), len(level), _value_row(len(states))
+    h, x, P, Ph = (5 * n, (7 + at) * n, 9 * n + at * n * n,
+                   (9 + at) * n + 2 * n * n)
+    for g in range(LANES):
+        nu, f, before = node[v * LANES + g], node[(v + NOISE) * LANES + g], 0.0
         for s in range(n):
-            own, new = 0.0, node[s * LANES + g] * node[(x + s) * LANES + g]
+            own, old = 0.0, node[(x + s) * LANES + g]
+            new = node[s * LANES + g] * old
+            if chain is not None:
+                if s > 0:
+                    new += node[(2 * n + s) * LANES + g] * before
+                if s < n - 1:
+                    new += node[(3 * n + s) * LANES + g] * node[(x + s + 1) * LANES + g]
+                before = old
             for t in range(n):
-                own += node[(P + s * n + t) * LANES + g] * H[i, t]
+                own += (node[(P + _lower(n, s, t)) * LANES + g]
+                        * node[(h + t) * LANES + g])
             node[(Ph + s) * LANES + g], node[(x + s) * LANES + g] = own, new
-            f += H[i, s] * own
-            nu -= H[i, s] * new
+            f += node[(h + s) * LANES + g] * own
+            nu -= node[(h + s) * LANES + g] * new
         node[(v + NU + at) * LANES + g] = nu if nu == nu else 0.0
         node[(v + F + at) * LANES + g] = f
 
@@ -416,51 +490,68 @@ def _share_levels(states, node):
 
 
 @njit(**JIT)
-def _merge(states, level, stepped, node):
-    """One Gaussian of a level after a sample, from the two that have led there."""
+def _merge_states(states, level, node):
+    """The state of a level after a sample, from the two that have led there: of the
+    first where it waits for the second. P h of both, and how far they are apart, are
+    kept for its covariance.
+    """
     n, to, v = len(states), len(level), _value_row(len(states))
-    x, P, Ph = 2 * n, 4 * n, 4 * n + 2 * n * n
-    one, other, made = 2 * to, 2 * to + 1, v + MADE + to * n * (n + 1)
-    apart = v + MADE + 2 * n * (n + 1)
+    x, Ph, made = 7 * n, 9 * n + 2 * n * n, v + MADE
+    apart, one, other, new_x = made + n + n * n, 2 * to, 2 * to + 1, (
+        8 * n if to else made)
     for g in range(LANES):
-        step = to * node[(v + STEP) * LANES + g]
-        share = node[(v + SHARE + one) * LANES + g]
-        rest = node[(v + SHARE + other) * LANES + g]
-        shrink = node[(v + SEEN_PER_F + one) * LANES + g]
-        shrinks = node[(v + SEEN_PER_F + other) * LANES + g]
-        gain = shrink * node[(v + E + one) * LANES + g]
-        gains = shrinks * node[(v + E + other) * LANES + g]
+        gain = (node[(v + SEEN_PER_F + one) * LANES + g]
+                * node[(v + E + one) * LANES + g])
+        gains = (node[(v + SEEN_PER_F + other) * LANES + g]
+                 * node[(v + E + other) * LANES + g])
         for s in range(n):
-            more = stepped[s] * step
+            more = to * node[(6 * n + s) * LANES + g]
             a = node[(Ph + s) * LANES + g] + more
             b = node[(Ph + n + s) * LANES + g] + more
             new = node[(x + n + s) * LANES + g] + b * gains
             off = node[(x + s) * LANES + g] + a * gain - new
-            node[(made + s) * LANES + g] = new + share * off
+            node[(new_x + s) * LANES + g] = (
+                new + node[(v + SHARE + one) * LANES + g] * off)
             node[(apart + s) * LANES + g] = off
+            node[(apart + n + s) * LANES + g] = a
+            node[(apart + 2 * n + s) * LANES + g] = b
+
+
+@njit(**JIT)
+def _merge_covariances(states, level, node):
+    """The covariance of a level after a sample, one Gaussian for two."""
+    n, to, v = len(states), len(level), _value_row(len(states))
+    P, made, one, other = 9 * n, v + MADE + n, 2 * to, 2 * to + 1
+    apart, new_P = made + n * n, P + n * n if to else made
+    for g in range(LANES):
+        share = node[(v + SHARE + one) * LANES + g]
+        rest = node[(v + SHARE + other) * LANES + g]
+        shrink = node[(v + SEEN_PER_F + one) * LANES + g]
+        shrinks = node[(v + SEEN_PER_F + other) * LANES + g]
+        for s in range(n):
+            off = rest * node[(apart + s) * LANES + g]
+            a = shrink * node[(apart + n + s) * LANES + g]
+            b = shrinks * node[(apart + 2 * n + s) * LANES + g]
             for t in range(s + 1):
-                more = stepped[t] * step
-                first = node[(P + s * n + t) * LANES + g] - a * shrink * (
-                    node[(Ph + t) * LANES + g] + more)
-                second = node[(P + n * n + s * n + t) * LANES + g] - b * shrinks * (
-                    node[(Ph + n + t) * LANES + g] + more)
-                node[(made + n + s * n + t) * LANES + g] = second + share * (
-                    first - second + rest * (off * node[(apart + t) * LANES + g]))
+                k = s * n + t
+                first = node[(P + k) * LANES + g] - (
+                    a * node[(apart + n + t) * LANES + g])
+                second = node[(P + n * n + k) * LANES + g] - (
+                    b * node[(apart + 2 * n + t) * LANES + g])
+                node[(new_P + k) * LANES + g] = second + share * (
+                    first - second + off * node[(apart + t) * LANES + g])
 
 
 @njit(**JIT)
 def _go_on(states, moved, node):
     """Both levels as they are after a sample."""
-    n, v = len(states), _value_row(len(states))
+    n, made = len(states), _value_row(len(states)) + MADE
     for g in range(LANES):
-        for level in range(2):
-            made, P = v + MADE + level * n * (n + 1), 4 * n + level * n * n
-            for s in range(n):
-                node[((2 + level) * n + s) * LANES + g] = node[(made + s) * LANES + g]
-                for t in range(s + 1):
-                    new = node[(made + n + s * n + t) * LANES + g]
-                    node[(P + s * n + t) * LANES + g] = new
-                    node[(P + t * n + s) * LANES + g] = new
-    k = 4 * n + n * n + moved * (n + 1)
+        for s in range(n):
+            node[(7 * n + s) * LANES + g] = node[(made + s) * LANES + g]
+            for t in range(s + 1):
+                node[(9 * n + s * n + t) * LANES + g] = node[
+                    (made + n + s * n + t) * LANES + g]
+    k = 9 * n + n * n + moved * (n + 1)
     for g in range(LANES):
-        node[k * LANES + g] += node[(v + STEP) * LANES + g]
+        node[k * LANES + g] += node[(made - MADE + STEP) * LANES + g]
