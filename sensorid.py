@@ -1525,8 +1525,8 @@ def bank(h, dt, theta):
 
 
 def _is_scalar(b):
-    """Does the one-state kernel apply?"""
-    timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == b.r.shape[1] == 1
+    """Does the one-state kernel apply, wherever white noise is even?"""
+    timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1
     return b.Phi.shape[2] == 1 and timeless and np.all(b.H == 1.0) and not b.m0.any()
 
 
@@ -1594,18 +1594,35 @@ def filter_bank(b, y, stops, pairs=None):
 
 def _sums(b, y, observed, stops, pairs):
     """The loop of `filter_bank`: choose a kernel and advance from stop to stop."""
-    stretches = [
-        (begin, end, np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1))
-        for begin, end in zip([0, *stops[:-1]], stops)]
-    run = (_sums_abreast if not _is_scalar(b) else _sums_pairs if pairs is not None
-           else _sums_records if len(y) == 1 else _sums_trials)
+    since, r = _even_runs(b.r)
+    if _is_scalar(b) and (len(since) == 1 or since[-1] >= len(since)):
+        run = (_sums_pairs if pairs is not None else _sums_records if len(y) == 1
+               else _sums_trials)
+        b, ends = b._replace(r=r), np.union1d(stops, since[1:])
+    else:
+        run, ends = _sums_abreast, np.array(stops)
     pairs = NO_PAIRS if pairs is None else pairs
-    parts, done = run(b, y, observed, stretches, pairs), 0
-    for end in stops:
-        with one_thread_if(-(-len(b.r) // GROUP) * len(y) * (end - done) <= SMALL):
+    begins = np.append(0, ends[:-1])
+    stretches = list(zip(begins, ends, np.searchsorted(since, begins, "right") - 1, [
+        np.flatnonzero(observed[begin:end] == 0.0).max(initial=-1)
+        for begin, end in zip(begins, ends)]))
+    parts, stops = run(b, y, observed, stretches, pairs), set(stops)
+    for begin, end, *_ in stretches:
+        with one_thread_if(-(-len(b.r) // GROUP) * len(y) * (end - begin) <= SMALL):
             sums = next(parts)
-        done = end
-        yield Sums(int(observed[:end].sum()), *sums)
+        if end in stops:
+            yield Sums(int(observed[:end].sum()), *sums)
+
+
+def _even_runs(r):
+    """Samples (R,) from which on white noise of variance r (M, 1 or N) is even, and its
+    variances (M, R) from there on; every sample, where it changes so often that gains
+    would not settle in between.
+    """
+    since = np.append(0, np.flatnonzero((r[:, 1:] != r[:, :-1]).any(0)) + 1)
+    if len(since) * SETTLING > r.shape[1]:
+        since = np.arange(r.shape[1])
+    return since, r[:, since]
 
 
 SMALL = 10**5    # samples of records in groups of nodes: a few milliseconds
@@ -1621,17 +1638,11 @@ def _abreast(part):
 
 
 def _runs_abreast(r, M):
-    """(since, r) of groups of M nodes: samples (R,) from which on white noise of
-    variance r (nodes, 1 or N) is even, and its variances (R, M) from there on; every
-    sample, where it changes so often that gains would not settle in between.
-    """
+    """`_even_runs` of groups of M nodes: (since (R,), r (R, M))."""
     for first in range(0, len(r), M):
-        own = r[first:first + M]
-        since = np.append(0, np.flatnonzero((own[:, 1:] != own[:, :-1]).any(0)) + 1)
-        if len(since) * SETTLING > own.shape[1]:
-            since = np.arange(own.shape[1])
-        own = np.pad(own[:, since], [(0, M - len(own)), (0, 0)], mode="edge")
-        yield since, np.ascontiguousarray(own.T)
+        since, own = _even_runs(r[first:first + M])
+        yield since, np.ascontiguousarray(np.pad(
+            own, [(0, M - len(own)), (0, 0)], mode="edge").T)
 
 
 def _one_by_one(part, nodes):
@@ -1658,7 +1669,7 @@ def _start_abreast(b, records, pairs=NO_PAIRS):
 
 def _sums_abreast(b, y, observed, stretches, pairs):
     start, y = _start_abreast(b, len(y), pairs), np.vstack([y, np.ones(y.shape[1])])
-    for begin, end, _ in stretches:
+    for begin, end, *_ in stretches:
         _advance_abreast(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
                          begin, *start)
         own, products = (_one_by_one(part, len(b.m0)) for part in start[-2:])
@@ -1668,14 +1679,15 @@ def _sums_abreast(b, y, observed, stretches, pairs):
 
 def _scalar_nodes(b, size=GROUP):
     """node and memory of the one-state kernels: of so many nodes each, padded to whole
-    groups.
+    groups; and r of all runs, which node gets.
     """
     M = len(b.r)
     at = np.minimum(np.arange(-(-M // size) * size), M - 1).reshape(-1, size)
     at = np.pad(at, ((0, 0), (0, GROUP - size)), mode="edge")
-    a, q, r, p0 = (part.ravel()[at] for part in (b.Phi, b.Q, b.r, b.P0))
+    a, q, p0 = (part.ravel()[at] for part in (b.Phi, b.Q, b.P0))
     zero = np.zeros_like(a)
-    return np.stack([a, q, r, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero], 1)
+    return (np.stack([a, q, zero, p0], 1), np.stack([a * a * p0 + q, zero, zero, zero],
+                                                    1), b.r.T[:, at])
 
 
 def _with_sums(count, pairs):
@@ -1685,7 +1697,7 @@ def _with_sums(count, pairs):
 
 def _sums_records(b, y, observed, stretches, pairs):
     """Sums of records, then those of the sums of pairs of them."""
-    node, memory = _scalar_nodes(b)
+    node, memory, r = _scalar_nodes(b)
     rows = _with_sums(len(y), pairs)
     state = np.zeros((len(node), len(rows), 3, GROUP))
     # of few groups, every thread has a part of the rows, and gains of its own
@@ -1700,7 +1712,8 @@ def _sums_records(b, y, observed, stretches, pairs):
         state[group, part] = own.reshape(len(part), 3, GROUP)
         return past
 
-    for begin, end, last_gap in stretches:
+    for begin, end, even, last_gap in stretches:
+        node[:, 2] = r[even]
         now = np.ascontiguousarray(y[:, begin:end])
         memory = np.stack(side_by_side(advance, [
             (group, part) for part in parts for group in range(len(node))]
@@ -1716,14 +1729,14 @@ PIECE = 128 * TILE    # samples whose lanes are laid side by side at a time
 def _sums_trials(b, y, observed, stretches, pairs):
     """Sums of records, then those of the sums of pairs of them."""
     size = min(GROUP, -(-len(b.r) // 2))    # of few nodes every thread has a part
-    node, memory = _scalar_nodes(b, size)
+    node, memory, r = _scalar_nodes(b, size)
     rows = _with_sums(len(y), pairs)
     records = len(rows)
     blocks = -(-records // LANES)
     state = np.zeros((len(node), size, blocks, 3, LANES))
     every = np.zeros(blocks * LANES * min(PIECE, y.shape[1]))
-    for begin, end, last_gap in stretches:
-        last_gap += begin
+    for begin, end, even, last_gap in stretches:
+        node[:, 2], last_gap = r[even], last_gap + begin
         for first in range(begin, end, PIECE):
             last = min(first + PIECE, end)
             lanes = every[:blocks * LANES * (last - first)].reshape(blocks, -1)

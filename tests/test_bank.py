@@ -271,6 +271,8 @@ def test_noise_that_changes_seldom_does_what_a_dense_covariance_does(n, mixed, s
     later = np.arange(900) >= np.array([[401], [333], [898]])    # no whole handfuls
     b = b._replace(r=b.r * np.where(later, 3.0, 1.0))
     *_, sums = s.filter_bank(b, y, stops, [(0, 1)])
+    *_, alone = s.filter_bank(b, y[:1], stops)
+    *_, abreast = s.filter_bank(b, np.repeat(y, 40, 0), stops)
     seen = ~np.isnan(y[0])
     own, even = y[:, seen], naive.covariance(Phi, G, H[None], np.zeros((1, 1)), P0, 900)
     for node in range(3):
@@ -282,6 +284,11 @@ def test_noise_that_changes_seldom_does_what_a_dense_covariance_does(n, mixed, s
         assert_allclose(sums.score[:, node], own @ ones, rtol=1e-8)
         assert_allclose(sums.information[node], ones.sum(), rtol=1e-9)
         assert_allclose(sums.log_det[node], np.linalg.slogdet(C)[1], rtol=1e-9)
+        for other in (alone, abreast):
+            for part in ("chi2", "score"):
+                assert_allclose(getattr(other, part)[[0, -1], node], getattr(
+                    sums, part)[[0, -1 if other is abreast else 0], node], rtol=1e-8)
+            assert_allclose(other.log_det, sums.log_det, rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["white_noise", "random_walk", "markov",
