@@ -42,11 +42,15 @@ class Probes(NamedTuple):
         return np.vstack([after.T, of_curves]) / self.norm[:, None]
 
     def whitened_curves(self):
-        """The curves whitened, (K, N), of unit norm; 0 in gaps."""
-        return np.vstack([
-            np.empty((0, self.curves.shape[1])),
-            *(self._whitened(part) for part in _few(self.curves, self.curves.shape[1]))
-        ]) / self.norm[len(self.shifts):, None]
+        """The curves whitened, (K, N), of unit norm; 0 in gaps. As the curves, they are
+        to single precision: they are long.
+        """
+        white, done = np.empty_like(self.curves), 0
+        for part in _few(self.curves, self.curves.shape[1]):
+            own = slice(done, done + len(part))
+            norm = self.norm[len(self.shifts):][own, None]
+            white[own], done = self._whitened(part) / norm, own.stop
+        return white
 
     def _whitened(self, rows):
         whole = np.zeros((len(rows), len(self.filter.gap)))

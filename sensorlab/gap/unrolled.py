@@ -1,4 +1,4 @@
-"""Mixture filters of few states, none of them in pairs, unrolled.
+"""Mixture filters of few states, unrolled: of outliers, and of two levels.
 
 All numbers of a group are rows of lanes in one array, and the loops over states, whose
 number is the length of a tuple, have known lengths: LLVM unrolls these, if they are
@@ -18,9 +18,9 @@ from scipy.special import erfcx
 from sensorid import JIT, LOG_2PI
 from sensorlab.gap.kernels import KERNEL, LANES
 
-UNROLLED = 6     # states that a filter of outliers has at most, and one of two levels:
-UNROLLED_LEVELS = 4    # LLVM unrolls no more
-STRETCH = 64     # samples whose probabilities are told at once
+UNROLLED = 6           # states that a filter of outliers has at most, none in pairs;
+UNROLLED_LEVELS = 4    # that one of two levels has: of more LLVM makes no vectors
+STRETCH = 64           # samples whose probabilities are told at once
 
 
 def _series_of_tail(degree=14):
@@ -225,20 +225,25 @@ def _outliers_unrolled(H, i, states, node):
 
 # ---- a level that is one of two, or steps at random
 
-# Rows behind those of the states, which are Phi, Q, what Phi has before and behind its
-# diagonal, what Q has before it, h, what h sees of a step (n each), then x (n), P (n x
-# n) and P h (n) of either level: value, NaN where none is seen; R; innovation and its
-# variance of each level; chance of each path; what a level adds to the value, to the
-# variance of the noise and to that of the state that steps; probabilities of the
-# levels; of each path its innovation, 1 / f, prior probability and share of the density
-# over the least exponent; this and the density; of each path its share of its level and
-# 1 / f where something is seen; the sum of the exponents so far and the product of the
-# densities; the first level as it will be, and before that what a chain makes of P; of
-# the two that lead to a level, how far they are apart, and P h.
-# Paths: those to the first level, from either, then those to the second.
-ROWS = dict(value=1, noise=1, nu=2, f=2, chance=4, offset=2, louder=2, step=1, weight=2,
-            e=4, per_f=4, prior=4, here=4, least=1, mass=1, share=4, seen_per_f=4,
-            exponents=1, product=1)
+# First come the rows of the states: Phi, Q, what Phi has before and behind its diagonal,
+# what Q has before it, h, what h sees of a step (n each); x (n), P (n x n, of which the
+# lower half is kept) and P h (n) of either level. A path leads from one level to one:
+# those to the first, from either, then those to the second.
+ROWS = dict(
+    value=1,                 # NaN where none is seen
+    noise=1,                 # R
+    nu=2, f=2,               # innovation of each level and its variance
+    chance=4,                # of each path
+    offset=2, louder=2,      # what a level adds to the value and to R
+    step=1,                  # variance that the second adds to the state that steps
+    weight=2,                # probabilities of the levels
+    e=4, per_f=4, prior=4,   # of each path: innovation, one over its variance, chance,
+    here=4,                  # share of the density over the least exponent
+    least=1, mass=1,         # this exponent and the density
+    share=4, seen_per_f=4,   # of each path: of its level; 1 / f where there is a value
+    exponents=1, product=1)  # sum and product of the samples so far
+# behind: the first level as it will be, and before that what a chain makes of P; of the
+# two paths to a level, how far they are apart, and their P h
 (NOISE, NU, F, CHANCE, OFFSET, LOUDER, STEP, WEIGHT, E, PER_F, PRIOR, HERE, LEAST, MASS,
  SHARE, SEEN_PER_F, EXPONENTS, PRODUCT, MADE) = accumulate(ROWS.values())
 TOLD = SHARE - E    # rows of which a sample is told
