@@ -225,10 +225,10 @@ def _outliers_unrolled(H, i, states, node):
 
 # ---- a level that is one of two, or steps at random
 
-# First come the rows of the states: Phi, Q, what Phi has before and behind its diagonal,
-# what Q has before it, h, what h sees of a step (n each); x (n), P (n x n, of which the
-# lower half is kept) and P h (n) of either level. A path leads from one level to one:
-# those to the first, from either, then those to the second.
+# First come the rows of the states: Phi, Q, what Phi has before and behind its
+# diagonal, what Q has before it, h, what h sees of a step (n each); x (n), P (n x n, of
+# which the lower half is kept) and P h (n) of either level. A path leads from one level
+# to one: those to the first, from either, then those to the second.
 ROWS = dict(
     value=1,                 # NaN where none is seen
     noise=1,                 # R
