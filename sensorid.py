@@ -1521,7 +1521,8 @@ def bank(h, dt, theta):
     else:
         filters = [h.filter(dt, row) for row in theta]
         Phi, Gamma, H, Psi, m0, P0 = (np.stack(part) for part in zip(*filters))
-    return Bank(Phi, Gamma @ np.swapaxes(Gamma, -1, -2), H, Psi**2, m0, P0)
+    Psi *= Psi    # it may be long
+    return Bank(Phi, Gamma @ np.swapaxes(Gamma, -1, -2), H, Psi, m0, P0)
 
 
 def _is_scalar(b):

@@ -282,8 +282,12 @@ def _noise_step(scene, filt, onset, ratio):
     first = np.searchsorted(scene.time, onset)
     if np.all(first == len(scene.y)):
         return filt
-    return filt._replace(Psi=filt.Psi * np.where(
-        np.arange(len(scene.y)) < first, 1.0, ratio))
+    times = np.ones((*np.shape(first)[:-1], len(scene.y)))
+    for row, at, own in zip(np.atleast_2d(times), *map(np.ravel, np.broadcast_arrays(
+            first, ratio))):
+        row[at:] = own    # at many nodes it is long
+    times *= filt.Psi
+    return filt._replace(Psi=times)
 
 
 def _drive(scene, onset, ratio):
