@@ -116,6 +116,17 @@ def test_evidence_of_an_unknown_onset_is_the_sum_over_all(effect):
     assert abs(s.log_evidence[0] - exact) < 0.1
 
 
+def test_evidence_of_an_unknown_onset_does_not_hang_on_the_seed():
+    made = generator.record(77, 208, ["noise_step"], 2)
+    h = member(Scene(made["error"] - made["error"].mean(), DT, {}), MODEL[0],
+               "noise_step")
+    law = evidence.onset_law(h, h.scene, ())
+    said = [evidence.integrate(
+        lambda theta: filters.log_likelihoods(h, h.scene, (), theta)[:, None],
+        h.parameters, move=law, seed=seed).log_evidence[0] for seed in range(12)]
+    assert np.ptp(said) < 2.0
+
+
 def test_a_screen_of_bursts_is_the_sum_over_all_histories():
     rng = np.random.default_rng(4)
     first, second = rng.standard_normal((2, 9))

@@ -6,7 +6,7 @@ hypothesis; effects add parameters until a grid of them is too large, so that
 one against the other.
 """
 
-from typing import NamedTuple
+from typing import Callable, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -153,9 +153,10 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
     guesses : sequence of (d,) and (d, d) array, optional
         Means and covariances that the d free parameters may have, in the coordinates
         where the prior is standard normal.
-    move : function of theta (M, p), optional
-        Gives theta mapped to where the mass is, and the log of the prior density there
-        over that of what is mapped, (M,).
+    move : OnsetLaw, optional
+        A function of theta (M, p) that gives theta mapped to where the mass is, and the
+        log of the prior density there over that of what is mapped, (M,); the posterior
+        of what it has mapped is about the prior.
     floor : float
         An evidence this low need not be known well.
     seed : int
@@ -189,7 +190,9 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         one = located(np.zeros((1, 0)))
         return Sample(one.theta, one.x, one.moved, one.log_likelihood,
                       one.log_likelihood[0])
-    rng = np.random.default_rng(seed)
+    rng, flat = np.random.default_rng(seed), [] if move is None else [
+        free_columns(parameters).index(move.column)]
+    guesses = [_flattened(*law, flat) for law in guesses]
     few, enough = max(round(effort * ROUND), GROUP), effort * ENOUGH_POINTS
     x, proposals = _first_points(d, guesses, few, rng)
     points, modes, missed = located(x), [], True
@@ -209,18 +212,28 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         first = patience + bool(guesses and near)
         if attempt in (first, first + 1) and missed and not found:
             start, height = _highest(points, modes)
-            modes.append(climb(lambda x: located(x).log_posterior, start))
+            modes.append(_flattened(*climb(
+                lambda x: located(x).log_posterior, start, flat), flat))
             top = located(modes[-1][0][None]).log_posterior[0]
             missed = top > height + MISSED_NATS    # a second one may be missed, too
             law = modes[-1]
         else:
-            law = _next_law(points, log_weight, effective, found, modes or near)
+            law = _flattened(*_next_law(points, log_weight, effective, found,
+                                        modes or near), flat)
         x, density = _drawn(*law, few, rng)
         proposals.append((few, density))
         points = points.joined(located(x))
     log_weight = points.log_weight(proposals)
     return Sample(points.theta, points.x, log_weight, points.log_likelihood, log_sum(
         points.log_likelihood + log_weight[:, None], axis=0))
+
+
+def _flattened(mean, cov, flat):
+    """A normal law in which some axes are as in the prior N(0, I)."""
+    mean, cov = mean.copy(), cov.copy()
+    mean[flat], cov[flat], cov[:, flat] = 0.0, 0.0, 0.0
+    cov[flat, flat] = 1.0
+    return mean, cov
 
 
 def _first_points(d, guesses, few, rng):
@@ -291,12 +304,20 @@ DERIVATIVE_STEP = 1e-2    # in standard deviations of the prior: wide enough to 
 DAMPING = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 13)])
 
 
-def climb(log_posterior, x):
-    """Mode (d,) uphill from x, and the covariance (d, d) of the normal law there.
+def climb(log_posterior, x, flat=()):
+    """Mode (d,) uphill from x, and the covariance (d, d) of the normal law there; axes
+    that are `flat` are left as they are.
 
     Newton's steps, each of them at several dampings at once (D. Marquardt, J. SIAM 11,
     1963); `log_posterior` takes (M, d), its prior is N(0, I).
     """
+    every, start, moves = log_posterior, x, np.setdiff1d(np.arange(len(x)), flat)
+
+    def log_posterior(x):
+        whole = np.tile(start, (len(x), 1))
+        whole[:, moves] = x
+        return every(whole)
+    x = start[moves]
     taken, (height, slope, width, axes) = x, _curvature(log_posterior, x)
 
     def is_far():
@@ -315,7 +336,9 @@ def climb(log_posterior, x):
         x = tries[heights.argmax()]
     if is_far():
         *_, width, axes = _curvature(log_posterior, x)
-    return x, axes @ np.diag(1.0 / width) @ axes.T
+    mode, cov = start.copy(), np.eye(len(start))
+    mode[moves], cov[np.ix_(moves, moves)] = x, axes @ np.diag(1.0 / width) @ axes.T
+    return mode, cov
 
 
 def _slope(log_posterior, x):
@@ -462,8 +485,21 @@ def _add_scores(y, h, pair, parts, P, r, factor, odds):
             update_state(x, Ph, gain)
 
 
+class OnsetLaw(NamedTuple):
+    """How `integrate` draws the onset of a change of noise."""
+
+    moved: Callable    # theta (M, p) with its onset at the quantile of its law that it
+                       # has in the prior, and ln prior over that law (M,)
+    column: int        # of the onset in theta
+
+    __repr__ = brief
+
+    def __call__(self, theta):
+        return self.moved(theta)
+
+
 def onset_law(h, scene, signatures):
-    """How `integrate` draws the onset of a change of noise; None if there is none."""
+    """`OnsetLaw` of a hypothesis; None if no noise changes in it."""
     if not h.onsets or not h.parameters[h.keys.index(h.onsets[0])].free:
         return None
     at = h.keys.index(h.onsets[0])
@@ -476,7 +512,6 @@ def onset_law(h, scene, signatures):
         return theta
 
     def moved(theta):
-        """Theta with its onset at the quantile of that law that it has in the prior."""
         return map(np.concatenate, zip(*map(part_moved, in_parts(h, scene, theta))))
     mean = np.array([p.mean for p in h.parameters])
     rest = scene.y - explained(h, scene, signatures, at_onset(mean, scene.duration))
@@ -488,4 +523,4 @@ def onset_law(h, scene, signatures):
             rest, early.h, early.own, early.pair, early.r[:, 0].copy(),
             late.r[:, -1].copy(), (theta[:, at] - low) / (high - low), least, most)
         return at_onset(theta, onset * scene.dt), -density
-    return moved
+    return OnsetLaw(moved, at)
