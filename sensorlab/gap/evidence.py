@@ -311,31 +311,31 @@ def climb(log_posterior, x, flat=()):
     Newton's steps, each of them at several dampings at once (D. Marquardt, J. SIAM 11,
     1963); `log_posterior` takes (M, d), its prior is N(0, I).
     """
-    every, start, moves = log_posterior, x, np.setdiff1d(np.arange(len(x)), flat)
+    start, moves = x, np.setdiff1d(np.arange(len(x)), flat)
 
-    def log_posterior(x):
+    def heights_at(x):
         whole = np.tile(start, (len(x), 1))
         whole[:, moves] = x
-        return every(whole)
-    x = start[moves]
-    taken, (height, slope, width, axes) = x, _curvature(log_posterior, x)
+        return log_posterior(whole)
 
     def is_far():
         return np.sum(width * (axes.T @ (x - taken))**2) > FAR**2
+    x = start[moves]
+    taken, (height, slope, width, axes) = x, _curvature(heights_at, x)
     for step in range(MAX_CLIMB):
         if step:
             if is_far():
-                taken, (height, slope, width, axes) = x, _curvature(log_posterior, x)
+                taken, (height, slope, width, axes) = x, _curvature(heights_at, x)
             else:
-                height, slope = _slope(log_posterior, x)
+                height, slope = _slope(heights_at, x)
         push = axes.T @ slope
         tries = x + (push / (width + DAMPING[:, None])) @ axes.T
-        heights = log_posterior(tries)
+        heights = heights_at(tries)
         if heights.max() < height + 0.1:
             break
         x = tries[heights.argmax()]
     if is_far():
-        *_, width, axes = _curvature(log_posterior, x)
+        *_, width, axes = _curvature(heights_at, x)
     mode, cov = start.copy(), np.eye(len(start))
     mode[moves], cov[np.ix_(moves, moves)] = x, axes @ np.diag(1.0 / width) @ axes.T
     return mode, cov
