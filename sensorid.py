@@ -1429,10 +1429,10 @@ def _advance_group(y, observed, first, pairs, entries, Phi, Q, H, since, r, x, P
 
 def _gains_of_group(observed, first, P, log_det, entries, away, Phi, Q, H, since, r):
     """(begin, end, gain, weight) of one stretch of samples after the other, of states
-    that mix with those at most so far `away`. Where white noise is not of another
-    variance in every sample, gains settle in each run that has one.
+    that mix with those at most so far `away`. Where white noise changes seldom, gains
+    settle in each run in between.
     """
-    samples, seldom = len(observed), since[-1] >= len(since)
+    samples, seldom = len(observed), _is_seldom(since)
     starts = np.maximum(since - first, 0) if seldom else [0]
     for number, (begin, end) in enumerate(zip(starts, [*starts[1:], samples])):
         if begin >= min(end, samples):
@@ -1595,13 +1595,13 @@ def filter_bank(b, y, stops, pairs=None):
 
 def _sums(b, y, observed, stops, pairs):
     """The loop of `filter_bank`: choose a kernel and advance from stop to stop."""
-    since, r = _even_runs(b.r)
-    if _is_scalar(b) and (len(since) == 1 or since[-1] >= len(since)):
-        run = (_sums_pairs if pairs is not None else _sums_records if len(y) == 1
-               else _sums_trials)
-        b, ends = b._replace(r=r), np.union1d(stops, since[1:])
-    else:
-        run, ends = _sums_abreast, np.array(stops)
+    run, since, ends = _sums_abreast, np.zeros(1, int), np.array(stops)
+    if _is_scalar(b):    # of others, every group has its own runs
+        own, r = _even_runs(b.r)
+        if _is_seldom(own):
+            run = (_sums_pairs if pairs is not None else _sums_records if len(y) == 1
+                   else _sums_trials)
+            b, since, ends = b._replace(r=r), own, np.union1d(stops, own[1:])
     pairs = NO_PAIRS if pairs is None else pairs
     begins = np.append(0, ends[:-1])
     stretches = list(zip(begins, ends, np.searchsorted(since, begins, "right") - 1, [
@@ -1620,10 +1620,16 @@ def _even_runs(r):
     variances (M, R) from there on; every sample, where it changes so often that gains
     would not settle in between.
     """
-    since = np.append(0, np.flatnonzero((r[:, 1:] != r[:, :-1]).any(0)) + 1)
-    if len(since) * SETTLING > r.shape[1]:
-        since = np.arange(r.shape[1])
+    since, samples = np.append(0, np.flatnonzero((r[:, 1:] != r[:, :-1]).any(0)) + 1
+                               ), r.shape[1]
+    if len(since) * SETTLING > samples:
+        return np.arange(samples), r
     return since, r[:, since]
+
+
+def _is_seldom(since):
+    """Are these samples of `_even_runs` not every one of a record?"""
+    return len(since) == 1 or since[-1] >= len(since)
 
 
 SMALL = 10**5    # samples of records in groups of nodes: a few milliseconds
@@ -1642,8 +1648,7 @@ def _runs_abreast(r, M):
     """`_even_runs` of groups of M nodes: (since (R,), r (R, M))."""
     for first in range(0, len(r), M):
         since, own = _even_runs(r[first:first + M])
-        yield since, np.ascontiguousarray(np.pad(
-            own, [(0, M - len(own)), (0, 0)], mode="edge").T)
+        yield since, own.T.take(np.arange(M), axis=1, mode="clip")
 
 
 def _one_by_one(part, nodes):

@@ -14,8 +14,8 @@ from sensorlab.gap.kernels import (
     KERNEL, LANES, drive, groups, in_threads, lanes_for, load, observe_covariance,
     observe_state, turn, turn_covariance, update_covariance, update_state)
 from sensorlab.gap.unrolled import (
-    UNROLLED, UNROLLED_LEVELS, filter_levels, filter_outliers, odd_and_log_score,
-    probabilities_beside)
+    UNROLLED, UNROLLED_LEVELS, filter_levels, filter_outliers, lanes_of_group,
+    odd_and_log_score, probabilities_beside)
 
 
 def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
@@ -60,21 +60,17 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
     of the first; so has every path from one level to one: those to the first, from
     either, then those to the second.
     """
-    (R, N), rows, (M, n) = y.shape, out.shape[2], own.shape[1:]
-    count, of_level, of_path = R * M, levels * lanes, levels * levels * lanes
+    N, rows, (M, n) = y.shape[1], out.shape[2], own.shape[1:]
+    of_level, of_path = levels * lanes, levels * levels * lanes
     for group in range(first, last):
-        number = min(lanes, count - group * lanes)
-        # nodes whose samples are told come first
-        tell = min(lanes, max(R * out.shape[1] - group * lanes, 0)) if rows else 0
-        record, node = np.empty(lanes, np.int64), np.empty(of_level, np.int64)
+        record, nodes, number, tell = lanes_of_group(group, lanes, M, out)
+        node = np.empty(of_level, np.int64)
         rate, wider, chance, offset, louder, step = (
             np.empty(of_path), np.empty(of_path), np.ones(of_path), np.zeros(of_path),
             np.zeros(of_path), np.zeros(of_path))
         weight = np.ones(of_level)
         for g in range(of_path):
-            both = min(group * lanes + g % lanes, count - 1)
-            at = both // R
-            record[g % lanes], node[g % of_level] = both % R, at
+            at = node[g % of_level] = nodes[g % lanes]
             rate[g], wider[g] = outlier[at, 0], outlier[at, 1]
             if levels == 2:
                 to, start, change = g // of_level, g // lanes % 2, jump[at]
@@ -199,10 +195,10 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                     told[0, g] = e[g] * np.sqrt(per_f[0, g])
             elif tell:
                 probabilities_beside(rate_of, prior_of, per_f_of, e_of, less, power,
-                                      told)
+                                     told)
             if tell and rows > 2:
                 odd_and_log_score(here_of, wild_of, mass, least, weight, told)
-            for g in range(min(number, tell)):
+            for g in range(tell):
                 for row in range(rows if seen[g] > 0.0 else 0):
                     out[record[g], node[g], row, i] = told[row, g]
         for g in range(number):

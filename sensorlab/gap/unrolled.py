@@ -103,6 +103,28 @@ def odd_and_log_score(here, wild, mass, least, weight, told):
         told[4, g] = 1.0 - weight[g]
 
 
+@njit(**JIT)
+def lanes_of_group(group, lanes, M, out):
+    """Numbers of the record and of the node, of M, of every lane of a group; how many
+    lanes are in use, and how many of them `out` is told of: their nodes come first.
+    """
+    R, begin, told = len(out), group * lanes, out.shape[1] if out.shape[2] else 0
+    both = np.minimum(begin + np.arange(lanes), R * M - 1)
+    number = min(lanes, R * M - begin)
+    return both % R, both // R, number, min(number, max(R * told - begin, 0))
+
+
+@njit(**JIT)
+def _write(told, y, begin, out):
+    """What is told of the samples (rows, STRETCH) from one on, where they are seen, in
+    the rows of a record y (N,) in `out` (rows, N).
+    """
+    for row in range(len(told)):
+        for i in range(begin, min(begin + STRETCH, len(y))):
+            if not np.isnan(y[i]):
+                out[row, i] = told[row, i - begin]
+
+
 # ---- outliers alone
 
 @njit(**KERNEL)
@@ -110,20 +132,15 @@ def filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
     """Groups of `mixtures.mixture_filters` of outliers alone. Probabilities have
     samples for lanes.
     """
-    (R, N), M, n, rows = y.shape, own.shape[1], len(states), out.shape[2]
-    count, value = R * M, 4 * n + n * n
-    kept, of_kind = value + 4, (1, STRETCH)
+    N, M, n, rows = y.shape[1], own.shape[1], len(states), out.shape[2]
+    value, kept, of_kind = 4 * n + n * n, 4 * n + n * n + 4, (1, STRETCH)
     node, told = np.empty((value + 12) * LANES), np.empty((rows, STRETCH))
     past = np.empty((LANES, 6, *of_kind))
     rate, always = np.empty(of_kind), np.ones(of_kind)
     score, beyond = np.empty(STRETCH), np.empty(STRETCH)
     for group in range(first, last):
-        begin, log_f = group * LANES, np.zeros(LANES)
-        number = min(LANES, count - begin)
-        # nodes whose samples are told come first
-        tell = min(number, max(R * out.shape[1] - begin, 0)) if rows else 0
-        both = np.minimum(begin + np.arange(LANES), count - 1)
-        record, at = both % R, both // R
+        record, at, number, tell = lanes_of_group(group, LANES, M, out)
+        log_f = np.zeros(LANES)
         for g in range(LANES):
             for s in range(n):
                 node[s * LANES + g] = own[0, at[g], s]
@@ -154,13 +171,10 @@ def filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
                 e, near, here, wild = past[g, 0], past[g, 3, 0], past[g, 4], past[g, 5]
                 rate[:] = outlier[at[g], 0]
                 probabilities_beside(rate, always, past[g, 1:3], e, score, beyond,
-                                      told)
+                                     told)
                 if rows > 2:
                     odd_and_log_score(here, wild, here[0], near, always[0], told)
-                for row in range(rows):
-                    for k in range(j + 1):
-                        if not np.isnan(y[record[g], i - j + k]):
-                            out[record[g], at[g], row, i - j + k] = told[row, k]
+                _write(told, y[record[g]], i - j, out[record[g], at[g]])
         for g in range(number):
             total[record[g], at[g]] = -log_f[g] - node[(kept + 6) * LANES + g]
 
@@ -260,19 +274,15 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, moved, o
     """Groups of `mixtures.mixture_filters` of a level without outliers; a `chain` that
     is not None has pairs of neighbours. Probabilities have samples for lanes.
     """
-    (R, N), M, n, rows = y.shape, own.shape[1], len(states), out.shape[2]
-    count, v = R * M, _value_row(n)
+    N, M, n, rows = y.shape[1], own.shape[1], len(states), out.shape[2]
+    v = _value_row(n)
     node = np.empty((v + MADE + n * (n + 4)) * LANES)
     told, past = np.empty((rows, STRETCH)), np.empty((LANES, TOLD + 1, STRETCH))
     never, of_kind = np.zeros((4, STRETCH)), (1, 4, STRETCH)
     score, beyond = np.empty(STRETCH), np.empty(STRETCH)
     for group in range(first, last):
-        begin, log_f = group * LANES, np.zeros(LANES)
-        number = min(LANES, count - begin)
-        # nodes whose samples are told come first
-        tell = min(number, max(R * out.shape[1] - begin, 0)) if rows else 0
-        both = np.minimum(begin + np.arange(LANES), count - 1)
-        record, at = both % R, both // R
+        record, at, number, tell = lanes_of_group(group, LANES, M, out)
+        log_f = np.zeros(LANES)
         node[:] = 0.0
         for g in range(LANES):
             for s in range(n):
@@ -340,10 +350,7 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, moved, o
                 if rows > 2:
                     odd_and_log_score(here, never, past[g, MASS - E],
                                       past[g, LEAST - E], past[g, TOLD], told)
-                for row in range(rows):
-                    for k in range(j + 1):
-                        if not np.isnan(y[record[g], i - j + k]):
-                            out[record[g], at[g], row, i - j + k] = told[row, k]
+                _write(told, y[record[g]], i - j, out[record[g], at[g]])
         for g in range(number):
             total[record[g], at[g]] = -log_f[g] - node[(v + EXPONENTS) * LANES + g]
 
