@@ -1255,8 +1255,8 @@ def _gains_unrolled(observed, last_gap, states, chain, nodes, P, gain, weight, l
 
 
 @njit(nogil=True, **JIT)
-def _move_group(y, begin, end, first, pairs, entries, Phi, H, gain, weight, x, sums,
-                products):
+def _move_group(y, begin, end, first, pairs, entries, rows, Phi, H, gain, weight, x,
+                sums, products):
     """Eqs. (4), (7) and the sums of a group from sample `begin` to `end`, with gains
     (., n, M) and 1 / f (., M) of these samples, or the only ones: any Phi.
     """
@@ -1267,7 +1267,7 @@ def _move_group(y, begin, end, first, pairs, entries, Phi, H, gain, weight, x, s
         k = min(i - begin, len(gain) - 1)
         for record in range(columns - 1, -1, -1):    # the ones first: they give mu
             for g in range(M):
-                nu[record, g] = y[record, i]
+                nu[record, g] = y[rows[record, g], i] if record < columns - 1 else 1.0
             new[:] = 0.0
             for entry in range(len(entries)):
                 row, column = entries[entry, 0], entries[entry, 1]
@@ -1290,20 +1290,22 @@ def _move_group(y, begin, end, first, pairs, entries, Phi, H, gain, weight, x, s
 
 
 @njit(**JIT)
-def _samples_unrolled(values, states, abreast, chain, node, c, x, sums, nu, row):
+def _samples_unrolled(states, abreast, chain, node, c, x, sums, nu, row):
     """`_move_group` for PART nodes and a few samples of record c, as many as the tuple
     `abreast` is long, of as many states as another: LLVM unrolls loops of known length,
     if they are short, and makes vectors of the loop around them.
 
     node has rows of PART: the diagonal of Phi, H, what is before and behind the
-    diagonal (it counts in a `chain`), gains of every sample, their 1 / f and mu / f.
+    diagonal (it counts in a `chain`), gains of every sample, their 1 / f and mu / f,
+    and the samples.
     """
     n, count = len(states), len(abreast)
     weight = (4 + count) * n
+    per_score, value = weight + count, weight + 2 * count
     for g in range(PART):
         chi2, score = sums[c, g], sums[c, PART + g]
         for j in range(count):
-            own, before = values[j], 0.0
+            own, before = node[(value + j) * PART + g], 0.0
             for s in range(n):
                 old = x[c, s * PART + g]
                 new = node[s * PART + g] * old
@@ -1319,19 +1321,20 @@ def _samples_unrolled(values, states, abreast, chain, node, c, x, sums, nu, row)
                 x[c, s * PART + g] += node[((4 + j) * n + s) * PART + g] * own
             nu[row, j * PART + g] = own
             chi2 += node[(weight + j) * PART + g] * own * own
-            score += node[(weight + count + j) * PART + g] * own
+            score += node[(per_score + j) * PART + g] * own
         sums[c, g], sums[c, PART + g] = chi2, score
 
 
 @njit(nogil=True, **JIT)
-def _move_unrolled(y, begin, end, pairs, states, abreast, chain, nodes, gain, weight, x,
-                   sums, products):
+def _move_unrolled(y, begin, end, pairs, rows, states, abreast, chain, nodes, gain,
+                   weight, x, sums, products):
     """`_move_group` by `_samples_unrolled`: nodes, x, sums, products (parts, ., rows of
     PART). Once mu does not change, it is a constant of the node, too.
     """
     n, count, columns, steady = len(states), len(abreast), x.shape[1], len(gain) == 1
     nu, past = np.empty((columns if len(pairs) else 1, count * PART)), np.empty(PART)
-    gains, weights, mu = 4 * n, (4 + count) * n, (4 + count) * n + count
+    gains, weights, spread = 4 * n, (4 + count) * n, (rows[0] != rows[0, 0]).any()
+    mu, value = weights + count, weights + 2 * count
     for part in range(len(nodes)):
         node, first, flat = nodes[part], part * PART, False
         past[:] = np.inf
@@ -1348,11 +1351,16 @@ def _move_unrolled(y, begin, end, pairs, states, abreast, chain, nodes, gain, we
                 if ones and flat:
                     continue
                 if ones:
-                    node[mu * PART:] = 0.0
-                _samples_unrolled(
-                    (y[c, i], y[c, i + 1], y[c, min(i + 2, end - 1)],
-                     y[c, min(i + 3, end - 1)]), states, abreast, chain, node, c,
-                    x[part], sums[part], nu, row)
+                    node[mu * PART:value * PART] = 0.0
+                for j in range(count):
+                    if spread and not ones:
+                        for g in range(PART):
+                            node[(value + j) * PART + g] = y[rows[c, first + g], i + j]
+                    else:
+                        node[(value + j) * PART:(value + j + 1) * PART] = (
+                            1.0 if ones else y[rows[c, 0], i + j])
+                _samples_unrolled(states, abreast, chain, node, c, x[part], sums[part],
+                                  nu, row)
                 for g in range(count * PART if ones else 0):
                     node[mu * PART + g] = node[weights * PART + g] * nu[row, g]
             for p in range(len(pairs)):
@@ -1383,8 +1391,8 @@ def _advance_abreast(y, observed, first, pairs, entries, *groups):
     """Move a bank of n-state filters on from sample `first`, Eqs. (4)-(8), nodes
     abreast.
 
-    y (C + 1, n_samples) whose last row is ones; entries (K, 2) rows and columns of Phi
-    that are not zero. Of every group: Phi, Q (1 or N, n, n, M), H (1 or N, n, M);
+    y (., n_samples); entries (K, 2) rows and columns of Phi that are not zero. Of every
+    group: `rows` (C, M) of y that are records of a node, beside the ones; Phi, Q (1 or N, n, n, M), H (1 or N, n, M);
     `since` (R,) and r (R, M), from which sample on the white noise has which variance;
     filtered state x (C + 1, n, M) and covariance P (n, n, M); sums (C + 1, 2, M) of
     nu^2/f and nu mu/f, the last row information and log_det; products (P, M) of nu nu/f
@@ -1394,37 +1402,43 @@ def _advance_abreast(y, observed, first, pairs, entries, *groups):
                                               *group), list(zip(*groups)))
 
 
-def _advance_group(y, observed, first, pairs, entries, Phi, Q, H, since, r, x, P, sums,
-                   products):
+def _advance_group(y, observed, first, pairs, entries, rows, Phi, Q, H, since, r, x, P,
+                   sums, products):
     """One group of `_advance_abreast`: unrolled where Phi is timeless and mixes none
     but neighbours, but for the last samples of a run where these are no whole handful.
     """
     n, samples = x.shape[1], y.shape[1]
     away = np.abs(entries[:, 0] - entries[:, 1]).max(initial=0)
-    unrolled = len(Phi) == len(H) == 1 and away <= 1 and n <= UNROLLED
+    unrolled = _is_unrolled(Phi, H, entries)
     states, abreast = (0,) * n, (0,) * (4 if n <= 4 else 2)
     wholes, log_det = (x, sums, products[:, None]), sums[-1, 1].copy()
     if unrolled:
         count = len(abreast)
-        nodes = _in_rows(Phi[0], H[0], np.zeros(((n + 2) * count, x.shape[2])))
+        nodes = _in_rows(Phi[0], H[0], np.zeros(((n + 3) * count, x.shape[2])))
         parts = [_in_parts(whole) for whole in wholes]
     for begin, end, *gains in _gains_of_group(
             observed, first, P, log_det, entries, away, Phi, Q, H, since, r):
         stop = begin
         if unrolled:
             stop = end - (end - begin) % len(abreast)
-            _move_unrolled(y, begin, stop, pairs, states, abreast, () if away else None,
-                           nodes, *gains, *parts)
+            _move_unrolled(y, begin, stop, pairs, rows, states, abreast,
+                           () if away else None, nodes, *gains, *parts)
         if unrolled and (stop < end or end == samples):
             for whole, part in zip(wholes, parts):
                 _join_parts(part, whole)
         if stop < end:
-            _move_group(y, stop, end, first, pairs, entries, Phi, H, *(
+            _move_group(y, stop, end, first, pairs, entries, rows, Phi, H, *(
                 part[min(stop - begin, len(part) - 1):] for part in gains), x, sums,
                 products)
         if unrolled and stop < end < samples:
             parts = [_in_parts(whole) for whole in wholes]
     sums[-1, 1] = log_det
+
+
+def _is_unrolled(Phi, H, entries):
+    """Are filters of these matrices, first axis time, moved on by `_move_unrolled`?"""
+    away = np.abs(entries[:, 0] - entries[:, 1]).max(initial=0)
+    return len(Phi) == len(H) == 1 and away <= 1 and H.shape[1] <= UNROLLED
 
 
 def _gains_of_group(observed, first, P, log_det, entries, away, Phi, Q, H, since, r):
@@ -1596,6 +1610,8 @@ def filter_bank(b, y, stops, pairs=None):
 def _sums(b, y, observed, stops, pairs):
     """The loop of `filter_bank`: choose a kernel and advance from stop to stop."""
     run, since, ends = _sums_abreast, np.zeros(1, int), np.array(stops)
+    if pairs is not None and _may_spread(b, len(y), len(pairs)):
+        run = _sums_spread
     if _is_scalar(b):    # of others, every group has its own runs
         own, r = _even_runs(b.r)
         if _is_seldom(own):
@@ -1659,28 +1675,57 @@ def _one_by_one(part, nodes):
 NO_PAIRS = np.empty((0, 2), int)
 
 
-def _start_abreast(b, records, pairs=NO_PAIRS):
-    """What `_advance_abreast` takes before the first sample: pairs, entries, Phi, Q, H
-    and white noise of a bank, x, P, sums and products.
+def _start_abreast(b, rows, pairs=NO_PAIRS):
+    """What `_advance_abreast` takes before the first sample: pairs, entries, rows, Phi,
+    Q, H and white noise of a bank, x, P, sums and products.
     """
+    rows = _abreast(rows.T)
     Phi, Q, H, m0, P = map(_abreast, (b.Phi, b.Q, b.H, b.m0, b.P0))
     since, r = zip(*_runs_abreast(b.r, Phi.shape[-1]))
-    x = np.repeat(m0[:, None], records + 1, 1)
+    x = np.repeat(m0[:, None], rows.shape[1] + 1, 1)
     x[:, -1] = 0.0
     entries = np.argwhere(b.Phi.any((0, 1))).copy()    # of one layout, compiled once
-    return (pairs, entries, Phi, Q, H, since, r, x, P,
-            np.zeros((len(x), records + 1, 2, x.shape[-1])),
+    return (pairs, entries, rows, Phi, Q, H, since, r, x, P,
+            np.zeros((*x.shape[:2], 2, x.shape[-1])),
             np.zeros((len(x), len(pairs), x.shape[-1])))
 
 
 def _sums_abreast(b, y, observed, stretches, pairs):
-    start, y = _start_abreast(b, len(y), pairs), np.vstack([y, np.ones(y.shape[1])])
+    M = len(b.m0)
+    start = _start_abreast(b, np.repeat(np.arange(len(y))[:, None], M, 1), pairs)
     for begin, end, *_ in stretches:
         _advance_abreast(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
                          begin, *start)
-        own, products = (_one_by_one(part, len(b.m0)) for part in start[-2:])
+        own, products = (_one_by_one(part, M) for part in start[-2:])
         yield (own[:, :-1, 0].T, own[:, :-1, 1].T, own[:, -1, 0], own[:, -1, 1],
                products.T)
+
+
+def _may_spread(b, records, pairs):
+    """Does it pay to filter every record of a node in a place of its own?"""
+    places = PART * (2 if b.H.shape[2] <= 4 else 1)    # gains take all the longer
+    return (records > 2 and len(b.r) * (records + pairs) <= places
+            and _is_unrolled(b.Phi[0], b.H[0], np.argwhere(b.Phi.any((0, 1))))
+            and (b.r.shape[1] == 1 or len(b.r) == 1))    # it may be long
+
+
+def _sums_spread(b, y, observed, stretches, pairs):
+    """Sums of several records at few nodes: each record of a node has a place of its
+    own among those that march abreast; those of the sums of pairs of them, too.
+    """
+    C, M = len(y), len(b.m0)
+    y = np.vstack([y, y[pairs[:, 0]] + y[pairs[:, 1]]]) if len(pairs) else y
+    count = len(y)
+    spread = Bank(*(np.repeat(part, count, 0) if M > 1 else np.broadcast_to(
+        part, (count, *part.shape[1:])) for part in b))
+    start = _start_abreast(spread, np.tile(np.arange(count), M)[None])
+    for begin, end, *_ in stretches:
+        _advance_abreast(np.ascontiguousarray(y[:, begin:end]), observed[begin:end],
+                         begin, *start)
+        chi2, score, information, log_det = np.moveaxis(_one_by_one(
+            start[-2], M * count).reshape(M, count, 4), 0, -1).swapaxes(0, 1)
+        yield (chi2[:C], score[:C], information[0], log_det[0], 0.5 * (
+            chi2[C:] - chi2[pairs[:, 0]] - chi2[pairs[:, 1]]))
 
 
 def _scalar_nodes(b, size=GROUP):
@@ -2390,9 +2435,9 @@ def estimate_state(y, estimate, dt):
     b = bank(h, dt, estimate.theta)
     observed = 1.0 - np.isnan(y)
     offset = np.nanmean(y)
-    columns = np.vstack([np.nan_to_num(y - offset), np.ones(len(y))])
-    M, start = len(b.m0), _start_abreast(b, 1)
-    _advance_abreast(columns, observed, 0, *start)
+    M = len(b.m0)
+    start = _start_abreast(b, np.zeros((1, M), int))
+    _advance_abreast(np.nan_to_num(y - offset)[None], observed, 0, *start)
     x, P, sums = (_one_by_one(part, M) for part in start[-4:-1])
     P = np.tril(P) + np.tril(P, -1).swapaxes(1, 2)
     score, information = sums[:, 0, 1], sums[:, 1, 0]

@@ -249,6 +249,12 @@ def test_unrolled_loops_do_what_a_dense_covariance_does(monkeypatch, n, mixed):
     assert_allclose(few.information, ones.sum(), rtol=1e-9)
     assert_allclose(few.score[:, 0], y[:, :N][:, seen] @ ones, rtol=1e-9)
     many = list(s.filter_bank(b, y, [701, 1203], pairs))
+    for nodes in (1, 3):    # of few nodes, records have places of their own
+        few = s.Bank(*(part[:nodes] for part in b))
+        assert s._may_spread(few, 3, 2) or n > 4 and nodes > 1
+        for one, other in zip(many, s.filter_bank(few, y, [701, 1203], pairs)):
+            for part, its in zip(one[1:], other[1:]):
+                assert_allclose(part[..., :nodes], its, rtol=1e-9)
     for most in ("UNROLLED", "UNROLLED_CHAIN"):
         monkeypatch.setattr(s, most, 0)
     for one, other in zip(many, s.filter_bank(b, y, [701, 1203], pairs)):
@@ -345,7 +351,8 @@ def test_states_end_at_zero_where_a_record_does():
     part = np.zeros((1, 1, s.GROUP))
     node = part[:, :, None]    # of one state
     s._advance_abreast(np.zeros((2, n)), np.ones(n), 0, s.NO_PAIRS,
-                       np.array([[0, 0]]), node[:, :, None] + a, node[:, :, None],
+                       np.array([[0, 0]]), np.zeros((1, 1, s.GROUP), int),
+                       node[:, :, None] + a, node[:, :, None],
                        node + 1.0, [np.array([0])], part + 1.0, x, node.copy(),
                        np.zeros((1, 2, 2, s.GROUP)), np.zeros((1, 0, s.GROUP)))
     assert not x[:, 0].any()    # of ones: no more, once their innovation is constant
