@@ -9,7 +9,8 @@ from conftest import DT, MODEL, member, scene_of
 from numpy.testing import assert_allclose
 
 from sensorlab import CATALOGUE, Scene
-from sensorlab.gap import directed, evidence, filters, scans, screens, signatures
+from sensorlab.gap import (
+    causes, directed, evidence, filters, scans, screens, signatures)
 from sensorlab.gap.account import account
 
 
@@ -86,6 +87,25 @@ def test_a_screen_tells_about_what_the_filters_tell(name, share, monkeypatch):
     exact, about = ln_bayes(scene, member(scene, MODEL[0]), name)
     assert (exact > 3.0) == bool(share)
     assert_allclose(about, exact, atol=1.0 + 0.2 * abs(exact))
+
+
+@pytest.mark.parametrize("name", ["noise_step", "walk_step", "random_telegraph"])
+def test_what_is_weak_in_a_long_record_passes_its_screen(name):
+    rng, N = np.random.default_rng(4), 10**5
+    late = np.arange(N) > 0.4 * N
+    louder = {"walk_step": 1.2, "noise_step": 1.03}
+    walk, white = (sd * rng.standard_normal(N) * np.where(
+        late & (name == own), louder[own], 1.0) for sd, own in (
+            (0.05, "walk_step"), (0.5, "noise_step")))
+    level = 0.5 * (np.cumsum(rng.random(N) < 0.01) % 2) * (name == "random_telegraph")
+    scene = Scene(np.cumsum(walk) + white + level, DT, {})
+    h = member(scene, MODEL[0])
+    base = account(scene, [h])
+    full = account(scene, [h], [h.with_effect(CATALOGUE[name])], past=base)
+    exact = full.log_evidence - base.log_evidence
+    (about,) = causes._told_by_screens(scene, scene, base, base, [CATALOGUE[name]])
+    assert exact > 8.0
+    assert about > causes.AT_LEAST * exact
 
 
 def test_a_few_outliers_in_a_long_record_pass_their_screen():

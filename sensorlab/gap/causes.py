@@ -3,16 +3,17 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
-from sensorid import brief, free_columns, probabilities, side_by_side
+from sensorid import at_quantiles, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.account import (
     Account, account, evidence_error, fixed, for_processes, for_signatures, gaussian,
-    mean_evidence)
+    guesses_from, mean_evidence)
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
-from sensorlab.gap.filters import predict, solve
+from sensorlab.gap.filters import log_likelihoods, predict, solve
 from sensorlab.gap.readings import as_read
 from sensorlab.gap.screens import (
     FEW, LITTLE, SCREENS, change_of_drive, change_of_level, screened, usual_variance)
@@ -250,9 +251,28 @@ def _told_by_screens(scene, plain, acc, reference, effects):
             yield change_of_drive(effect, plain, reference.member, acc.signatures,
                                   reference.theta).about
         elif effect.jumps and effect.name not in SCREENS:
-            yield change_of_level(effect, scene, acc.member, acc.signatures, acc.theta)
+            yield max(change_of_level(effect, scene, acc.member, acc.signatures,
+                                      acc.theta), _told_by_spectra(effect, scene, acc))
         else:
             yield screened(effect, scene, z, variance)
+
+
+def _told_by_spectra(effect, scene, acc):
+    """About ln B of a level: the integral of the posterior of its filter, were that the
+    normal law which the process of the same covariance has by the spectrum.
+    """
+    def of(number):
+        h = acc.hypotheses[number].with_effect(effect)
+        laws = guesses_from(acc, number, h, scene, acc.signatures)
+        if not laws:
+            return -np.inf
+        means = np.array([mean for mean, _ in laws])
+        ll = log_likelihoods(h, scene, acc.signatures, at_quantiles(
+            h.parameters, ndtr(means)))
+        return max(height - 0.5 * mean @ mean + 0.5 * np.linalg.slogdet(cov)[1]
+                   for height, (mean, cov) in zip(ll, laws))
+    return mean_evidence(side_by_side(of, range(len(acc.hypotheses)))
+                         ) - acc.log_evidence
 
 
 NEAR = 5            # samples in which a step is seen

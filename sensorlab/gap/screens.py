@@ -39,8 +39,7 @@ def screened(effect, scene, z, variance):
     screen = SCREENS.get(effect.name)
     if screen is None or np.isnan(variance):
         return np.nan
-    gain = screen(scene, [p.quantile((np.arange(RATIOS) + 0.5) / RATIOS)
-                          for p in effect.parameters(scene)], z, variance)
+    gain = screen(scene, effect.parameters(scene), z, variance)
     # two more parameters: as for an account, no more than by Akaike's correction
     return float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0))
 
@@ -54,26 +53,34 @@ def usual_variance(z, log_score):
         near.any()) else np.nan
 
 
-def _change_of_noise(scene, values, z, variance):
-    """Gains (ratios, onsets) of the log-likelihood over that of even noise."""
-    seen, (onset, ratio) = ~np.isnan(z), values
-    first, last = np.searchsorted(scene.time, onset[[0, -1]])
+def _change_of_noise(scene, priors, z, variance):
+    """ln of mean gains of the likelihood over that of even noise, by onset (K,): about
+    the likeliest ratio, which a long record knows far better than any row of values.
+    """
+    seen, (onset, ratio) = ~np.isnan(z), priors
+    first, last = np.searchsorted(scene.time, [onset.low, onset.high])
     at = np.unique(np.linspace(first, last, ONSETS).astype(int))
     early = np.append(0.0, np.cumsum(np.where(seen, z, 0.0)**2))[at]
     before, count = np.append(0, np.cumsum(seen))[at], seen.sum()
-    total = np.nansum(z**2)
-    even = (early + (total - early) / ratio[:, None]**2) / total
-    return -0.5 * count * np.log(even) - (count - before) * np.log(ratio)[:, None]
+    total, after = np.nansum(z**2), count - before
+    with np.errstate(divide="ignore", invalid="ignore"):    # a side may show no sample
+        best = np.sqrt((total - early) * before / (after * early))
+        width = np.sqrt(np.pi * (1.0 / before + 1.0 / after)) / np.log(
+            ratio.high / ratio.low)
+    best = np.clip(np.nan_to_num(best, nan=1.0), ratio.low, ratio.high)
+    even = (early + (total - early) / best**2) / total
+    return -0.5 * count * np.log(even) - after * np.log(best) + np.log(
+        np.minimum(width, 1.0))
 
 
-def _outliers(scene, values, z, variance):
+def _outliers(scene, priors, z, variance):
     """Gains (rates, sigmas) of the log-likelihood over that without outliers."""
     seen = np.abs(z[~np.isnan(z)])
     edges = np.concatenate([np.linspace(0.0, 8.0, 401), np.geomspace(8.1, 1e4, 200)])
     count, _ = np.histogram(seen, edges)
     square = (0.5 * (edges[1:] + edges[:-1])[count > 0])**2
     count = count[count > 0]
-    rate, sigma = values
+    rate, sigma = (p.quantile((np.arange(RATIOS) + 0.5) / RATIOS) for p in priors)
     wide = sigma**2 / variance
 
     def gains(scale):
@@ -82,39 +89,42 @@ def _outliers(scene, values, z, variance):
         tail = np.exp(-0.5 * square / other) / np.sqrt(other)
         law = (1.0 - rate[:, None, None]) * bulk + rate[:, None, None] * tail
         return np.log(law + 1e-300) @ count
-    every = [gains(scale) for scale in SCALES]
-    best, apart = SCALES[np.argmax([gain.max() for gain in every])], SCALES[1] / SCALES[
-        0]
-    while count.sum() * np.log(apart)**2 > FINE:    # a long record knows it better
+    scale = np.sqrt(square @ count / count.sum())
+    return _at_best_scale(gains, SCALES, count.sum()) - count @ (
+        -0.5 * square / scale**2 - np.log(scale))
+
+
+def _at_best_scale(gains, scales, count):
+    """The largest `gains` at scales of the noise, ever finer about the best, as finely
+    as a record of so many samples knows it.
+    """
+    every, apart = [gains(scale) for scale in scales], scales[1] / scales[0]
+    best = scales[np.argmax([gain.max() for gain in every])]
+    while count * np.log(apart)**2 > FINE:
         near, apart = best * apart**np.array([-0.5, 0.5]), apart**0.5
         own = [gains(scale) for scale in near]
         if max(gain.max() for gain in own) > np.max(every):
             best = near[int(own[1].max() > own[0].max())]
         every += own
-    scale = np.sqrt(square @ count / count.sum())
-    return np.max(every, 0) - count @ (-0.5 * square / scale**2 - np.log(scale))
+    return np.max(every, 0)
 
 
-def _bursts(scene, values, z, variance):
+def _bursts(scene, priors, z, variance):
     """Gains (quiets, durations, sigmas) of the log-likelihood over that of even noise.
     """
-    return _gains_of_bursts(scene, [v[_some(len(v))] for v in values], z, variance
-                            ).max(0)
+    values = [p.quantile((np.arange(OF_BURSTS) + 0.5) / OF_BURSTS) for p in priors]
+    return _at_best_scale(lambda scale: _gains_of_bursts(
+        scene, values, z, variance, [scale])[0], QUIET_SCALES, np.sum(~np.isnan(z)))
 
 
-def _some(count):
-    """Numbers of OF_BURSTS of so many values, evenly."""
-    return ((np.arange(OF_BURSTS) + 0.5) * count / OF_BURSTS).astype(int)
-
-
-def _gains_of_bursts(scene, values, z, variance):
+def _gains_of_bursts(scene, values, z, variance, scales=QUIET_SCALES):
     """The same for all scales of the samples outside bursts, the first axis."""
     quiet, duration, sigma = values
     parts = _Parts.of(z)
     begin, end = (parts.chance(scene.dt, t.ravel()) for t in np.meshgrid(
         quiet, duration, indexing="ij"))
-    gain = np.zeros((len(QUIET_SCALES), len(sigma), len(begin)))
-    for own, scale in zip(gain, QUIET_SCALES):
+    gain = np.zeros((len(scales), len(sigma), len(begin)))
+    for own, scale in zip(gain, scales):
         for one, s in zip(own, sigma):
             _sum_histories(*parts.laws(scale, s**2 / variance), begin, end,
                            np.empty((0, 0)), one)
@@ -194,24 +204,34 @@ def change_of_drive(effect, scene, member, signatures, theta):
     at = np.unique(np.linspace(first, last, ONSETS).astype(int))
     h = member.with_effect(effect)
 
-    def scored(strength):
+    def scored(number):
+        strength = ratio.quantile(0.5 + number / STRENGTHS)
         score = predict(h, scene, signatures, np.append(
             theta, [onset.low, strength])[None]).log_score[0, 0]
         so_far = np.append(0.0, np.cumsum(np.nan_to_num(score)))
         return so_far[at], so_far[-1]
-    early, whole = map(np.array, zip(*side_by_side(
-        scored, ratio.quantile((np.arange(STRENGTHS) + 0.5) / STRENGTHS))))
-    late = whole[:, None] - early
-    steps = np.arange(1 - STRENGTHS, STRENGTHS)
-    gain = np.array([np.max([early[k] + late[k + more] for k in range(STRENGTHS)
-                             if 0 <= k + more < STRENGTHS], axis=0)
-                     for more in steps]) - whole.max()
-    more, onset = np.unravel_index(gain.argmax(), gain.shape)
+    some, apart = np.arange(STRENGTHS) - STRENGTHS // 2, 1.0
+    known = dict(zip(some.tolist(), side_by_side(scored, some)))
+    while apart > FINEST and (known[0][1] - SHARP > min(
+            known[apart][1], known[-apart][1])):    # a long record knows it better
+        apart /= 2.0
+        known.update(zip((-apart, apart), side_by_side(scored, [-apart, apart])))
+    number = np.sort(list(known))
+    early, whole = map(np.array, zip(*(known[k] for k in number)))
+    width = np.log(np.gradient(number) / STRENGTHS)
+    gain = (width[:, None] + early)[:, None] + (
+        width[:, None] + whole[:, None] - early)
+    even = logsumexp(width + whole)
+    before, after, first = np.unravel_index(gain.argmax(), gain.shape)
+    top = gain[before, after, first] - width[before] - width[after] - whole.max()
     return Told(
-        float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0)),
-        int(at[onset]), float(np.clip(0.5 + steps[more] / STRENGTHS, 0.5 / STRENGTHS,
-                                      1.0 - 0.5 / STRENGTHS)))
+        float(min(logsumexp(gain) - np.log(len(at)) - even, top - 2.0)), int(at[first]),
+        float(np.clip(0.5 + (number[after] - number[before]) / STRENGTHS,
+                      0.5 / STRENGTHS, 1.0 - 0.5 / STRENGTHS)))
 
+
+SHARP = 4.0            # nats between one strength and the next that are too far apart
+FINEST = 0.5**10       # steps of the strengths
 
 LEVEL_NODES = 4    # values of each parameter of a level that are tried
 
@@ -246,7 +266,7 @@ def law_of_outliers(scene, effect, z, variance):
     """
     u = (np.arange(RATIOS) + 0.5) / RATIOS
     priors = effect.parameters(scene)
-    gain = _outliers(scene, [p.quantile(u) for p in priors], z, variance)
+    gain = _outliers(scene, priors, z, variance)
     x = np.stack(np.meshgrid(ndtri(u), ndtri(u), indexing="ij"), -1).reshape(-1, 2)
     w = np.exp(gain - logsumexp(gain)).ravel()
     mean, cov = w @ x, np.cov(x.T, aweights=w, ddof=0) + np.eye(2) / RATIOS
