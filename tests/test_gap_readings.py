@@ -274,6 +274,17 @@ def test_the_simulator_of_a_clipped_record_has_the_noise_before(seed, quantiles)
     assert d.after.p_value > 0.01
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_clipped_walk_that_went_far_has_no_drift_beside(seed):
+    rng = np.random.default_rng(seed)
+    y = np.cumsum(0.1 * rng.standard_normal(20_000)) + 0.5 * rng.standard_normal(20_000)
+    y = np.clip(y, *np.quantile(y, [0.01, 0.99]))
+    assert abs(y.mean()) > 3.0    # of a bias of 1
+    d = sensorlab.diagnose(y, DT, MODEL, effects=[CATALOGUE[name] for name in (
+        "saturation", "second_order_drift", "turn_on_transient")])
+    assert d.verdict == "saturation"
+
+
 def test_outliers_beside_a_lattice_do_not_hide_it():
     rng = np.random.default_rng(9)
     y = 0.5 * np.round(rng.standard_normal(3000) / 0.5)

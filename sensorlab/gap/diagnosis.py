@@ -313,6 +313,8 @@ def _without_known(simulator, raw, latent=None, centred=False):
         bases = tuple(_with_bias(h, max(h.bias_sigma, abs(mean))) for h in bases)
     if latent is not None and any(h.bias_sigma for h in bases):
         offset = latent - float(np.mean(added))
+        # a walk gets this far without a bias: less that, it begins where no bias is
+        bases = tuple(_with_bias(h, max(h.bias_sigma, abs(offset))) for h in bases)
     elif centred or abs(mean) > FAR_FROM_ZERO * spread:
         offset = mean
     # its prior is flat where the bias may be: less the mean of the record, a flat one

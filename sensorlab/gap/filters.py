@@ -490,6 +490,12 @@ def summed(b, parts, rows, pairs):
     return result
 
 
+def cut(b, parts, first, last):
+    """A timeless bank and its `Parts` for the samples from the first to the last."""
+    r = b.r if b.r.shape[1] == 1 else b.r[:, first:last]
+    return b._replace(r=r), parts._replace(r=r, later=np.maximum(parts.later - first, 0))
+
+
 class Solved(NamedTuple):
     """What all signatures need of a record: C^-1 (y - fit) at M nodes."""
 

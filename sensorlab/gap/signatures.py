@@ -13,7 +13,7 @@ from numba import njit
 from sensorid import JIT, brief
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
-from sensorlab.gap.filters import summed
+from sensorlab.gap.filters import cut, summed
 from sensorlab.gap.kernels import KERNEL, row_products
 
 # ---- Bayes factor of a size
@@ -227,12 +227,31 @@ def joined(parts):
         parts[0].k, [name for p in parts for name in p.variant])
 
 
+MEMORY = 10**4    # samples in which a filter forgets how it began, ...
+FORGETS = 10      # ... and times as many as a signature lasts, at least
+
+
+def _about(rows):
+    """First and last sample of a record from which a filter tells all of some rows
+    (R, N): of such as are 0 but for a short while, few.
+    """
+    N = rows.shape[1]
+    seen = rows.any(0) if N > 3 * MEMORY else np.ones(1, bool)
+    begin, end = int(seen.argmax()), N - int(seen[::-1].argmax())
+    more = max(MEMORY, FORGETS * (end - begin))
+    first, last = max(begin - more, 0), min(end + more, N)
+    return (first, last) if last - first < N // 2 else (0, N)
+
+
 def information(scene, columns, solved):
     """Information (M, m, k, k) of signatures (m, k, N) beside the known columns."""
     m, k, N = columns.shape
-    rows, gap = columns.reshape(-1, N), np.isnan(scene.y)
+    rows = columns.reshape(-1, N)
+    first, last = _about(rows)
+    own, gap = rows[:, first:last], np.isnan(scene.y[first:last])
     sums = summed(
-        solved.bank, solved.parts, np.where(gap, np.nan, rows) if gap.any() else rows,
+        *cut(solved.bank, solved.parts, first, last),
+        np.where(gap, np.nan, own) if gap.any() else np.ascontiguousarray(own),
         [(i, i + 1) for i in range(0, m * k, 2)] if k == 2 else ())
     squares = np.empty((len(solved.base), m, k, k))
     for i in range(k):
