@@ -79,7 +79,7 @@ def _scored(scene, reference, latest, listed, table):
     order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
     found, likely = [[] for _ in nodes], {}    # of a long record a few nodes are a part
     for some in _together(parts, most):
-        solved = side_by_side(lambda part: _for_scans(solve(
+        solved = side_by_side(lambda part: _for_scans(scene, solve(
             reference.hypotheses[part[0]], scene, reference.signatures, part[1])), some)
         jobs = list(itertools.product(range(len(some)), order))
         bayes = dict(zip(jobs, side_by_side(
@@ -95,11 +95,11 @@ def _scored(scene, reference, latest, listed, table):
                                           latest.samples)]
 
 
-def _for_scans(solved):
+def _for_scans(scene, solved):
     """`Solved` of nodes, and of the likeliest, which scans are of: its steps alone are
     kept.
     """
-    one = solved.node(int(solved.base.argmax()))
+    one = solved.node(int(solved.base.argmax())).for_scans(np.isnan(scene.y))
     return solved._replace(steps=None), one._replace(steps=one.steps.copy())
 
 
@@ -204,7 +204,8 @@ def _sizes(h, scene, signatures, family, theta, share):
     """`_Sizes` of a hypothesis of a given share at some nodes."""
     theta, times = np.unique(theta, axis=0, return_counts=True)
     if is_coarse(scene, family):
-        one = solve(h, scene, signatures, theta[times.argmax()][None])
+        one = solve(h, scene, signatures, theta[times.argmax()][None]).for_scans(
+            np.isnan(scene.y))
         family = refined(scene, family, one)
     found = scores(scene, family, solve(h, scene, signatures, theta))
     best, sd = found.gain.max(0), found.sd.min(0)

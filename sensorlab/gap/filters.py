@@ -256,6 +256,12 @@ class Filter(NamedTuple):
         """Logarithms (N,) of the variances of the innovations."""
         return -2.0 * np.log(self.per_sigma)
 
+    def cut(self, first, last):
+        """The same of the samples from the first to the last."""
+        own = slice(first, last)
+        return self._replace(H=self.H[own], gain=self.gain[own],
+                             per_sigma=self.per_sigma[own], gap=self.gap[own])
+
     def whitened(self, y):
         """Normal scores (R, N) of records with the same gaps; they are linear."""
         return whiten(y, self.H, self.turned, self.pair, self.gain, self.per_sigma)
@@ -508,6 +514,7 @@ class Solved(NamedTuple):
     spectra: tuple         # pairs of a share of the record, (M,), and the `Modes` there
     bank: Bank             # of the hypothesis, its states driven evenly
     parts: Parts
+    filter: Filter = None  # of the only node, if its gains never settle
 
     __repr__ = brief
 
@@ -520,6 +527,13 @@ class Solved(NamedTuple):
                 (share[own], Modes(*(part[own] for part in there)))
                 for share, there in self.spectra), Bank(*(m[own] for m in self.bank)),
             p._replace(own=p.own[:, own], r=p.r[own], later=p.later[own]))
+
+    def for_scans(self, gap):
+        """The same, of one node, with what many columns of a scan have in common."""
+        p = self.parts
+        if not len(p.later) and np.count_nonzero(np.diff(p.r[0])) < 2:
+            return self    # gains settle
+        return self._replace(filter=_filter_at(p, np.tile(p.h, (len(gap), 1)), 0, gap))
 
 
 def solve(h, scene, signatures, theta):

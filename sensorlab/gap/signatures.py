@@ -249,15 +249,18 @@ def information(scene, columns, solved):
     rows = columns.reshape(-1, N)
     first, last = _about(rows)
     own, gap = rows[:, first:last], np.isnan(scene.y[first:last])
-    sums = summed(
-        *cut(solved.bank, solved.parts, first, last),
-        np.where(gap, np.nan, own) if gap.any() else np.ascontiguousarray(own),
-        [(i, i + 1) for i in range(0, m * k, 2)] if k == 2 else ())
-    squares = np.empty((len(solved.base), m, k, k))
-    for i in range(k):
-        squares[..., i, i] = sums.chi2[i:m * k:k].T
-    if k == 2:
-        squares[..., 0, 1] = squares[..., 1, 0] = sums.products.T
+    own = np.where(gap, np.nan, own) if gap.any() else np.ascontiguousarray(own)
+    if solved.filter:
+        z = np.nan_to_num(solved.filter.cut(first, last).whitened(own)).reshape(m, k, -1)
+        squares = (z @ z.swapaxes(1, 2))[None]
+    else:
+        sums = summed(*cut(solved.bank, solved.parts, first, last), own, [
+            (i, i + 1) for i in range(0, m * k, 2)] if k == 2 else ())
+        squares = np.empty((len(solved.base), m, k, k))
+        for i in range(k):
+            squares[..., i, i] = sums.chi2[i:m * k:k].T
+        if k == 2:
+            squares[..., 0, 1] = squares[..., 1, 0] = sums.products.T
     c, M = solved.w.shape[:2]
     cross = row_products(solved.w.reshape(-1, N), rows).reshape(c, M, m, k)
     return squares - np.einsum("cmak,mcd,dmal->makl", cross, solved.cov, cross)
