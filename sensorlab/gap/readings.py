@@ -194,10 +194,37 @@ def _clipped(y, lsb, noise):
             end - sign * k * lsb for k in range(1, TAIL + 1) if lsb)]
         before = max(np.sum(np.abs(y - v) <= 0.5 * lsb) for v in near)
         least = 3 if lsb < COARSE * noise else 3 * TAIL
-        full = np.sum(y == end) >= least + 2.0 * before + 6.0 * np.sqrt(before)
+        count = np.sum(y == end)
+        full = count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
+            lsb >= COARSE * noise and count >= least and _piles_up(
+                np.bincount(np.round(np.abs(end - seen) / lsb).astype(int))))
         limits.append(float(end) if full else sign * np.inf)
         clipped |= (y == end) & full
     return limits, clipped
+
+
+BENT = 4, 8    # codes next to the last one, at least and at most, that foretell it
+PILED = 5.0    # standard deviations by which there is more than they foretell
+
+
+def _piles_up(count):
+    """Is the last code of a lattice met more often than those next to it foretell?
+
+    count (K,) is that of every code from the last one on. Roots of counts have one
+    variance, or more if codes are of uneven width (F. J. Anscombe, Biometrika 35,
+    1948); up to the fullest code a line foretells them.
+    """
+    fewest, most = BENT
+    root, own = np.sqrt(count + 0.375), np.arange(1, min(most, count.argmax()) + 1)
+    if len(own) < fewest:
+        return False
+    apart = own - own.mean()
+    slope = apart @ root[own] / (apart @ apart)
+    off = root[own] - root[own].mean() - slope * apart
+    variance = max(0.25, off @ off / (len(own) - 2.0))
+    more = 1.0 + 1.0 / len(own) + own.mean()**2 / (apart @ apart)
+    foretold = max(root[own].mean() - slope * own.mean(), np.sqrt(0.375))
+    return root[0] - foretold > PILED * np.sqrt(variance * more)
 
 
 def latent_mean(y, found):
