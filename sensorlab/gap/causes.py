@@ -471,7 +471,7 @@ def _without_reading(full, acc, one):
                    readings, acc)
 
 
-MOST_STATES = 6    # of all processes, of each two at most
+MOST_STATES = 10    # of all processes, of each two at most: four bands and a low-pass
 
 
 def _has_room(effect, acc):
