@@ -274,6 +274,29 @@ def test_the_simulator_of_a_clipped_record_has_the_noise_before(seed, quantiles)
     assert d.after.p_value > 0.01
 
 
+@pytest.mark.parametrize("lsb", [0.1, 0.2])
+def test_clipped_noise_on_a_coarse_lattice_is_seen(lsb):
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        y = lsb * np.round(rng.standard_normal(20_000) / lsb)
+        names = [r.found.name for r in readings.readings(Scene(y, DT, {}))]
+        assert "saturation" not in names
+        limits = np.quantile(y, [0.04, 0.96], method="nearest")
+        one = readings.readings(Scene(np.clip(y, *limits), DT, {}))[0].found
+        assert one.name == "saturation"
+        assert_allclose(one.values["limits"], limits)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_codes_of_uneven_width_are_no_limit(seed):
+    rng = np.random.default_rng(seed)
+    edges = -6.0 + np.cumsum(0.15 * rng.gamma(1.0, 1.0, 200))
+    for noise in (rng.standard_normal(20_000), rng.laplace(size=20_000)):
+        y = 0.15 * np.searchsorted(edges, noise)
+        names = [r.found.name for r in readings.readings(Scene(y, DT, {}))]
+        assert "saturation" not in names
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_clipped_walk_that_went_far_has_no_drift_beside(seed):
     rng = np.random.default_rng(seed)

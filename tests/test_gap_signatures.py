@@ -9,9 +9,40 @@ from scipy.stats import norm
 
 import sensorid
 from figures import hostile
-from sensorlab import CATALOGUE, Scene
+from sensorlab import CATALOGUE, Effect, Scene
 from sensorlab.gap import directed, filters, onsets, scans, signatures
 from sensorlab.gap.account import account
+
+
+@pytest.mark.parametrize("name", ["", "bias_instability", "noise_step", "walk_step",
+                                  "louder_at_times"])
+def test_what_lasts_a_short_while_needs_a_part_of_a_long_record(name, monkeypatch):
+    N = 80_000
+    rng = np.random.default_rng(3)
+    y = rng.standard_normal(N)
+    y[40_100:40_130] = np.nan
+    scene = Scene(y, DT, {})
+    h = member(scene, MODEL[1], *[name] * (name in CATALOGUE))
+    if name == "louder_at_times":
+        share = rng.random(N)
+        h = h.with_effect(Effect(name, elementwise=True, model=lambda scene, filt: (
+            filt._replace(Psi=np.sqrt(filt.Psi**2 + share)))))
+    theta = np.array([[p.quantile(u) for p in h.parameters] for u in (0.4, 0.6)])
+    solved = filters.solve(h, scene, (), theta)
+    one = solved.node(1).for_scans(np.isnan(y))
+    assert (one.filter is not None) == (name in ("walk_step", "louder_at_times"))
+    t = np.arange(N) - 40_000
+    wave = np.where((t >= 0) & (t < 200), np.exp(0.3j * t) * np.sin(t * np.pi / 200), 0)
+    columns = np.array([[wave.real, wave.imag]])
+    first, last = signatures._about(columns[0])
+    assert 0 < first < last < N
+    part, of_one = (signatures.information(scene, columns, own)
+                    for own in (solved, one))
+    monkeypatch.setattr(signatures, "MEMORY", N)
+    whole = signatures.information(scene, columns, solved)
+    scale = np.trace(whole, axis1=2, axis2=3)[..., None, None]
+    assert np.abs(part - whole).max() < 1e-6 * scale.min()
+    assert np.abs(of_one - whole[1:]).max() < 1e-6 * scale.min()
 
 
 def test_gain_of_a_sinusoid_is_that_of_least_squares():

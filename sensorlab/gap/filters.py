@@ -498,8 +498,9 @@ def summed(b, parts, rows, pairs):
 
 def cut(b, parts, first, last):
     """A timeless bank and its `Parts` for the samples from the first to the last."""
-    r = b.r if b.r.shape[1] == 1 else b.r[:, first:last]
-    return b._replace(r=r), parts._replace(r=r, later=np.maximum(parts.later - first, 0))
+    r, later = b.r if b.r.shape[1] == 1 else b.r[:, first:last], np.maximum(
+        parts.later - first, 0)
+    return b._replace(r=r), parts._replace(r=r, later=later)
 
 
 class Solved(NamedTuple):

@@ -203,8 +203,8 @@ def _clipped(y, lsb, noise):
     return limits, clipped
 
 
-BENT = 4, 8    # codes next to the last one, at least and at most, that foretell it
-PILED = 5.0    # standard deviations by which there is more than they foretell
+FEWEST_CODES, MOST_CODES = 4, 8    # next to the last one, that foretell it
+PILED = 4.0    # standard deviations by which there is more than they foretell
 
 
 def _piles_up(count):
@@ -212,19 +212,19 @@ def _piles_up(count):
 
     count (K,) is that of every code from the last one on. Roots of counts have one
     variance, or more if codes are of uneven width (F. J. Anscombe, Biometrika 35,
-    1948); up to the fullest code a line foretells them.
+    1948); up to the fullest code a parabola foretells them, or a line if they are few.
     """
-    fewest, most = BENT
-    root, own = np.sqrt(count + 0.375), np.arange(1, min(most, count.argmax()) + 1)
-    if len(own) < fewest:
+    root, own = np.sqrt(count + 0.375), np.arange(
+        1, min(MOST_CODES, count[1:].argmax() + 1) + 1)
+    if len(own) < FEWEST_CODES:
         return False
-    apart = own - own.mean()
-    slope = apart @ root[own] / (apart @ apart)
-    off = root[own] - root[own].mean() - slope * apart
-    variance = max(0.25, off @ off / (len(own) - 2.0))
-    more = 1.0 + 1.0 / len(own) + own.mean()**2 / (apart @ apart)
-    foretold = max(root[own].mean() - slope * own.mean(), np.sqrt(0.375))
-    return root[0] - foretold > PILED * np.sqrt(variance * more)
+    powers = np.vander(own, 3 if len(own) > FEWEST_CODES + 1 else 2, increasing=True)
+    inverse = np.linalg.inv(powers.T @ powers)
+    fit = inverse @ (powers.T @ root[own])
+    off = root[own] - powers @ fit
+    variance = max(0.25, off @ off / (len(own) - len(fit)))
+    foretold = max(fit[0], np.sqrt(0.375))
+    return root[0] - foretold > PILED * np.sqrt(variance * (1.0 + inverse[0, 0]))
 
 
 def latent_mean(y, found):

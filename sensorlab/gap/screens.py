@@ -183,6 +183,8 @@ def _sum_histories(first, second, begin, end, told, gain):
     gain += first.sum()
 
 
+SHARP = 4.0         # nats from one strength to the next, if these are too far apart
+FINEST = 0.5**10    # steps of the strengths
 LITTLE = 1.0    # ln B by a screen of a change of drive, or of a level, below which its
                 # filters, which take long, need not run: others have more
 
@@ -229,9 +231,6 @@ def change_of_drive(effect, scene, member, signatures, theta):
         float(np.clip(0.5 + (number[after] - number[before]) / STRENGTHS,
                       0.5 / STRENGTHS, 1.0 - 0.5 / STRENGTHS)))
 
-
-SHARP = 4.0            # nats between one strength and the next that are too far apart
-FINEST = 0.5**10       # steps of the strengths
 
 LEVEL_NODES = 4    # values of each parameter of a level that are tried
 

@@ -251,7 +251,8 @@ def information(scene, columns, solved):
     own, gap = rows[:, first:last], np.isnan(scene.y[first:last])
     own = np.where(gap, np.nan, own) if gap.any() else np.ascontiguousarray(own)
     if solved.filter:
-        z = np.nan_to_num(solved.filter.cut(first, last).whitened(own)).reshape(m, k, -1)
+        z = np.nan_to_num(solved.filter.cut(first, last).whitened(own))
+        z = z.reshape(m, k, -1)
         squares = (z @ z.swapaxes(1, 2))[None]
     else:
         sums = summed(*cut(solved.bank, solved.parts, first, last), own, [
