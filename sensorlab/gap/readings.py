@@ -194,12 +194,15 @@ def _clipped(y, lsb, noise):
             end - sign * k * lsb for k in range(1, TAIL + 1) if lsb)]
         before = max(np.sum(np.abs(y - v) <= 0.5 * lsb) for v in near)
         least = 3 if lsb < COARSE * noise else 3 * TAIL
-        count = np.sum(y == end)
-        full = count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
+        at_end = y == end
+        count = np.sum(at_end)
+        # on no lattice a value does not come again by chance; it may stick once
+        full = not lsb and count >= least and np.sum(np.diff(at_end)) > 3
+        full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
             lsb >= COARSE * noise and count >= least and _piles_up(
                 np.bincount(np.round(np.abs(end - seen) / lsb).astype(int))))
         limits.append(float(end) if full else sign * np.inf)
-        clipped |= (y == end) & full
+        clipped |= at_end & full
     return limits, clipped
 
 
