@@ -129,6 +129,29 @@ def as_samples(y):
     return np.asarray(y, float)
 
 
+MIN_SAMPLES = 16    # fewer say nothing of any correlated process
+
+
+def check_record(y, dt):
+    """Refuse what no model can be identified from."""
+    if not (np.ndim(dt) == 0 and np.isfinite(dt) and dt > 0):
+        raise ValueError(f"the sampling interval is {dt} s: it must be a number > 0")
+    if y.ndim != 1:
+        raise ValueError(f"the record has shape {y.shape}: "
+                         "one axis of one sensor is needed")
+    if np.isinf(y).any():
+        raise ValueError(f"the record holds {np.isinf(y).sum()} infinite values, "
+                         f"the first at sample {np.argmax(np.isinf(y))}: "
+                         "remove them or mark them missing")
+    observed = y[~np.isnan(y)]
+    if len(observed) < MIN_SAMPLES:
+        raise ValueError(f"the record has {len(observed)} samples: "
+                         f"at least {MIN_SAMPLES} are needed")
+    if (observed == observed[0]).all():
+        raise ValueError(f"the record is constant ({observed[0] + 0.0:g}): "
+                         "there is no error model to identify, check the column")
+
+
 @contextlib.contextmanager
 def one_thread_if(little):
     """With one thread where there is little work: where another process has the other
@@ -477,8 +500,14 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
         record at least sigma_v. From below: white noise of 0.01 d, a walk of d / N per
         sample and a Markov process of d / sqrt(N) are lost in N samples of the rest. A
         correlation time lies between dt and the whole record.
+
+    Raises
+    ------
+    ValueError
+        If the record is too short, constant or not finite, or a name is unknown.
     """
     y = as_samples(y)
+    check_record(y, dt)
     seen = y[~np.isnan(y)]
     short = np.sqrt(np.mean(np.diff(seen)**2)) or np.ptp(seen) / len(seen)
     wide = max(np.std(seen), short)
@@ -2366,29 +2395,6 @@ def _with_room(h, y):
     if h.bias_given or offset < UNEXPECTED * max(h.bias_sigma, np.nanstd(y)):
         return h
     return h._replace(bias_sigma=offset, bias_given=True)
-
-
-MIN_SAMPLES = 16    # fewer say nothing of any correlated process
-
-
-def check_record(y, dt):
-    """Refuse what no model can be identified from."""
-    if not (np.ndim(dt) == 0 and np.isfinite(dt) and dt > 0):
-        raise ValueError(f"the sampling interval is {dt} s: it must be a number > 0")
-    if y.ndim != 1:
-        raise ValueError(f"the record has shape {y.shape}: "
-                         "one axis of one sensor is needed")
-    if np.isinf(y).any():
-        raise ValueError(f"the record holds {np.isinf(y).sum()} infinite values, "
-                         f"the first at sample {np.argmax(np.isinf(y))}: "
-                         "remove them or mark them missing")
-    observed = y[~np.isnan(y)]
-    if len(observed) < MIN_SAMPLES:
-        raise ValueError(f"the record has {len(observed)} samples: "
-                         f"at least {MIN_SAMPLES} are needed")
-    if (observed == observed[0]).all():
-        raise ValueError(f"the record is constant ({observed[0] + 0.0:g}): "
-                         "there is no error model to identify, check the column")
 
 
 def probabilities(log_evidence):

@@ -109,6 +109,14 @@ def test_a_filter_of_wrong_shape_is_refused():
         s.shaping_filter(np.eye(7), np.eye(7), np.ones(7))
 
 
+@pytest.mark.parametrize("y, said", [
+    ([], "the record has 0 samples"), ([np.nan] * 30, "the record has 0 samples"),
+    ([2.0] * 30, "the record is constant")])
+def test_no_priors_come_from_what_shows_nothing(y, said):
+    with pytest.raises(ValueError, match=said):
+        s.default_hypotheses(np.array(y), 1.0)
+
+
 def test_default_priors_hold_the_truth_of_very_different_sensors():
     for unit in (1e-9, 1.0, 1e5):
         h = s.hypothesis("markov", tau_m=30.0, sigma_m=unit, sigma_v=2.0 * unit,
