@@ -287,6 +287,16 @@ def test_clipped_noise_on_a_coarse_lattice_is_seen(lsb):
         assert_allclose(one.values["limits"], limits)
 
 
+def test_a_sample_far_away_or_two_codes_alone_are_no_limit():
+    y = 0.2 * np.round(np.random.default_rng(5).standard_normal(4000) / 0.2)
+    for far in (1e4, 1e9, 1e13):
+        y[7] = far
+        readings.readings(Scene(y, DT, {}))
+        assert not readings._clipped(y, 0.2, 1.0)[1].any()
+    for codes in ([0.0], [0.0, 1.0], [0.0, 300.0]):
+        assert not readings._piles_up(np.repeat(codes, 50))
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_codes_of_uneven_width_are_no_limit(seed):
     rng = np.random.default_rng(seed)
@@ -367,6 +377,9 @@ def noisy(rng, kind, n=4000):
 def test_codes_of_uneven_width_are_read_whatever_else_there_is(kind):
     y = noisy(np.random.default_rng(3), kind)
     seen = readings.readings(Scene(0.25 * converted(y), DT, {}))
+    if kind == "outliers":    # which are clipped to the first code
+        assert seen[0].found.values["limits"][0] == -10.0
+        seen = seen[1:]
     assert [r.found.name for r in seen] == ["quantization", "differential_nonlinearity"]
     assert seen[1].log_bayes > 100.0
     value, width = np.transpose(seen[1].found.values["codes"])

@@ -199,29 +199,31 @@ def _clipped(y, lsb, noise):
         # on no lattice a value does not come again by chance; it may stick once
         full = not lsb and count >= least and np.sum(np.diff(at_end)) > 3
         full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
-            lsb >= COARSE * noise and count >= least and _piles_up(
-                np.bincount(np.round(np.abs(end - seen) / lsb).astype(int))))
+            lsb > 0.0 and lsb >= COARSE * noise and count >= least and _piles_up(
+                np.abs(end - seen) / lsb))
         limits.append(float(end) if full else sign * np.inf)
         clipped |= at_end & full
     return limits, clipped
 
 
-FEWEST_CODES, MOST_CODES = 4, 8    # next to the last one, that foretell it
+FEWEST_NEXT, MOST_NEXT = 4, 8    # codes next to the last one, that foretell it
 PILED = 4.0    # standard deviations by which there is more than they foretell
 
 
-def _piles_up(count):
+def _piles_up(apart):
     """Is the last code of a lattice met more often than those next to it foretell?
 
-    count (K,) is that of every code from the last one on. Roots of counts have one
-    variance, or more if codes are of uneven width (F. J. Anscombe, Biometrika 35,
-    1948); up to the fullest code a parabola foretells them, or a line if they are few.
+    Samples are so many codes `apart` (N,) from it. Roots of counts have one variance,
+    or more if codes are of uneven width (F. J. Anscombe, Biometrika 35, 1948); up to
+    the fullest code a parabola foretells them, or a line if they are few.
     """
+    near = np.round(apart[apart < 2 * MOST_NEXT]).astype(int)
+    count = np.bincount(near, minlength=FEWEST_NEXT)
     root, own = np.sqrt(count + 0.375), np.arange(
-        1, min(MOST_CODES, count[1:].argmax() + 1) + 1)
-    if len(own) < FEWEST_CODES:
+        1, min(MOST_NEXT, count[1:].argmax() + 1) + 1)
+    if len(own) < FEWEST_NEXT:
         return False
-    powers = np.vander(own, 3 if len(own) > FEWEST_CODES + 1 else 2, increasing=True)
+    powers = np.vander(own, 3 if len(own) > FEWEST_NEXT + 1 else 2, increasing=True)
     inverse = np.linalg.inv(powers.T @ powers)
     fit = inverse @ (powers.T @ root[own])
     off = root[own] - powers @ fit
