@@ -1437,8 +1437,8 @@ def _advance_group(y, observed, first, pairs, entries, rows, Phi, Q, H, since, r
     but neighbours, but for the last samples of a run where these are no whole handful.
     """
     n, samples = x.shape[1], y.shape[1]
-    away = np.abs(entries[:, 0] - entries[:, 1]).max(initial=0)
-    unrolled = _is_unrolled(Phi, H, entries)
+    away = _reach(entries)
+    unrolled = _is_unrolled(Phi, H, away)
     states, abreast = (0,) * n, (0,) * (4 if n <= 4 else 2)
     wholes, log_det = (x, sums, products[:, None]), sums[-1, 1].copy()
     if unrolled:
@@ -1464,9 +1464,21 @@ def _advance_group(y, observed, first, pairs, entries, rows, Phi, Q, H, since, r
     sums[-1, 1] = log_det
 
 
-def _is_unrolled(Phi, H, entries):
-    """Are filters of these matrices, first axis time, moved on by `_move_unrolled`?"""
-    away = np.abs(entries[:, 0] - entries[:, 1]).max(initial=0)
+def _entries(b):
+    """Rows and columns (K, 2) of Phi that are not zero at some node of a bank."""
+    # a copy: of one layout, compiled once
+    return np.argwhere(b.Phi.any((0, 1))).copy()
+
+
+def _reach(entries):
+    """How far the states are that mix at most."""
+    return np.abs(entries[:, 0] - entries[:, 1]).max(initial=0)
+
+
+def _is_unrolled(Phi, H, away):
+    """Are filters of these matrices, first axis time, whose states mix with those at
+    most so far `away`, moved on by `_move_unrolled`?
+    """
     return len(Phi) == len(H) == 1 and away <= 1 and H.shape[1] <= UNROLLED
 
 
@@ -1638,9 +1650,9 @@ def filter_bank(b, y, stops, pairs=None):
 
 def _sums(b, y, observed, stops, pairs):
     """The loop of `filter_bank`: choose a kernel and advance from stop to stop."""
-    run, since, ends = _sums_abreast, np.zeros(1, int), np.array(stops)
-    if pairs is not None and _may_spread(b, len(y), len(pairs)):
-        run = _sums_spread
+    since, ends = np.zeros(1, int), np.array(stops)
+    run = _sums_spread if pairs is not None and _may_spread(
+        b, len(y), len(pairs)) else _sums_abreast
     if _is_scalar(b):    # of others, every group has its own runs
         own, r = _even_runs(b.r)
         if _is_seldom(own):
@@ -1713,8 +1725,7 @@ def _start_abreast(b, rows, pairs=NO_PAIRS):
     since, r = zip(*_runs_abreast(b.r, Phi.shape[-1]))
     x = np.repeat(m0[:, None], rows.shape[1] + 1, 1)
     x[:, -1] = 0.0
-    entries = np.argwhere(b.Phi.any((0, 1))).copy()    # of one layout, compiled once
-    return (pairs, entries, rows, Phi, Q, H, since, r, x, P,
+    return (pairs, _entries(b), rows, Phi, Q, H, since, r, x, P,
             np.zeros((*x.shape[:2], 2, x.shape[-1])),
             np.zeros((len(x), len(pairs), x.shape[-1])))
 
@@ -1734,7 +1745,7 @@ def _may_spread(b, records, pairs):
     """Does it pay to filter every record of a node in a place of its own?"""
     places = PART * (2 if b.H.shape[2] <= 4 else 1)    # gains take all the longer
     return (records > 2 and len(b.r) * (records + pairs) <= places
-            and _is_unrolled(b.Phi[0], b.H[0], np.argwhere(b.Phi.any((0, 1))))
+            and _is_unrolled(b.Phi[0], b.H[0], _reach(_entries(b)))
             and (b.r.shape[1] == 1 or len(b.r) == 1))    # it may be long
 
 

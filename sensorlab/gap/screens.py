@@ -44,6 +44,11 @@ def screened(effect, scene, z, variance):
     return float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0))
 
 
+def _middles(count):
+    """Quantiles of a prior in the middle of so many equal parts."""
+    return (np.arange(count) + 0.5) / count
+
+
 def usual_variance(z, log_score):
     """Variance of most innovations, of these normal scores and log densities (N,); NaN
     where the filter foretells none.
@@ -80,7 +85,7 @@ def _outliers(scene, priors, z, variance):
     count, _ = np.histogram(seen, edges)
     square = (0.5 * (edges[1:] + edges[:-1])[count > 0])**2
     count = count[count > 0]
-    rate, sigma = (p.quantile((np.arange(RATIOS) + 0.5) / RATIOS) for p in priors)
+    rate, sigma = (p.quantile(_middles(RATIOS)) for p in priors)
     wide = sigma**2 / variance
 
     def gains(scale):
@@ -112,7 +117,7 @@ def _at_best_scale(gains, scales, count):
 def _bursts(scene, priors, z, variance):
     """Gains (quiets, durations, sigmas) of the log-likelihood over that of even noise.
     """
-    values = [p.quantile((np.arange(OF_BURSTS) + 0.5) / OF_BURSTS) for p in priors]
+    values = [p.quantile(_middles(OF_BURSTS)) for p in priors]
     return _at_best_scale(lambda scale: _gains_of_bursts(
         scene, values, z, variance, [scale])[0], QUIET_SCALES, np.sum(~np.isnan(z)))
 
@@ -263,7 +268,7 @@ def law_of_outliers(scene, effect, z, variance):
     """Probability (N,) that samples of these normal scores are outliers; mean (2,) and
     covariance (2, 2) of rate and sigma in coordinates where their prior is N(0, I).
     """
-    u = (np.arange(RATIOS) + 0.5) / RATIOS
+    u = _middles(RATIOS)
     priors = effect.parameters(scene)
     gain = _outliers(scene, priors, z, variance)
     x = np.stack(np.meshgrid(ndtri(u), ndtri(u), indexing="ij"), -1).reshape(-1, 2)
@@ -283,7 +288,7 @@ def law_of_bursts(scene, effect, z, variance):
     mean (3,) and covariance (3, 3) of its parameters in coordinates where their prior
     is N(0, I).
     """
-    u = (np.arange(OF_BURSTS) + 0.5) / OF_BURSTS
+    u = _middles(OF_BURSTS)
     values = [p.quantile(u) for p in effect.parameters(scene)]
     gain = _gains_of_bursts(scene, values, z, variance)
     scale, *best = np.unravel_index(gain.argmax(), gain.shape)
