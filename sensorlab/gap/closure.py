@@ -101,14 +101,16 @@ def held_out(scene, start, final, trials=None, seed=0):
                        tuple(s._replace(columns=s.columns[:cut])
                              for s in acc.signatures),
                        acc.readings, None if onsets else acc)
+    *fits, flexible = side_by_side(lambda work: work(), (
+        lambda: fitted(start), lambda: fitted(final), lambda: _flexible(seen, cut)))
     gaps = []
-    for acc, fit in zip((start, final), side_by_side(fitted, (start, final))):
+    for acc, fit in zip((start, final), fits):
         gaps.append(distance(scene, fit._replace(signatures=acc.signatures), trials,
                              seed, cut, gaps[0] if gaps else None))
     score = [gap.log_score[cut:] for gap in gaps]
     ratio = [float(np.sqrt(np.nanmean(gap.z[cut:]**2))) for gap in gaps]
-    return HeldOut(float(np.nanmean(score[1] - score[0])),
-                   _flexible_gain(seen, cut, score[0]), *ratio, closure(*gaps))
+    return HeldOut(float(np.nanmean(score[1] - score[0])), flexible(score[0]), *ratio,
+                   closure(*gaps))
 
 
 def regression(rows_of, y, at):
@@ -139,9 +141,10 @@ TOGETHER = 10**5    # samples of a regression that are worked on at a time
 LAGS = 32    # samples back that the flexible regression looks
 
 
-def _flexible_gain(scene, cut, score):
-    """Log score of a regression on the samples before and all columns, over that of
-    another model `score` (N - cut,), nats a sample; NaN where there is too little data.
+def _flexible(scene, cut):
+    """Log score of a regression on the samples before and all columns, as a function
+    that gives how much it is over that of another model (N - cut,), nats a sample; NaN
+    where there is too little data.
     """
     def rows_of(at):
         return np.vstack([np.ones(len(at)), *(
@@ -153,8 +156,8 @@ def _flexible_gain(scene, cut, score):
     early, late = whole[whole < cut], whole[whole >= cut]
     rows = 1 + len(scene.columns) + LAGS
     if len(early) <= 2 * rows or not len(late):
-        return np.nan
+        return lambda score: np.nan
     residual = regression(rows_of, scene.y, early)
     variance = np.sum(residual(early)**2) / (len(early) - rows)
     density = -0.5 * (LOG_2PI + np.log(variance) + residual(late)**2 / variance)
-    return float(np.mean(density - score[late - cut]))
+    return lambda score: float(np.mean(density - score[late - cut]))

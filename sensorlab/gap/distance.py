@@ -266,8 +266,9 @@ class _Refit(NamedTuple):
         if near is not None:
             like = near.ruler.fit.setting.acc
             apart = dict(zip(like.member.keys, near.theta - like.theta))
-            starts.append(np.maximum(0.5 * truth, truth + [
-                apart.get(key, 0.0) for key in acc.member.keys])[free])
+            shift = np.array([apart.get(key, 0.0) for key in acc.member.keys])[free]
+            if shift.any():
+                starts.append(np.maximum(0.5 * starts[0], starts[0] + shift))
         step, fit = self.step[free], acc.theta[free]
         width = np.array([p.high - p.low for p in acc.member.parameters])[free]
         prior, (real,) = np.diag(12.0 * (step / width)**2), self.gains(self.setting.own)
