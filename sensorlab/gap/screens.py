@@ -238,6 +238,7 @@ def change_of_drive(effect, scene, member, signatures, theta):
 
 
 LEVEL_NODES = 4    # values of each parameter of a level that are tried
+HEAD = 10**5       # samples of a longer record that tell where more values are tried
 
 
 def change_of_level(effect, scene, member, signatures, theta):
@@ -247,19 +248,22 @@ def change_of_level(effect, scene, member, signatures, theta):
     """
     h, priors = member.with_effect(effect), effect.parameters(scene)
     driven = [symbol in DRIVES for _, symbol in member.keys]
-    even = log_likelihoods(member, scene, signatures, theta[None])
 
-    def gains(strengths, *u):
+    def gains(part, strengths, *u):
+        seen, known = scene.cut(part), [
+            s._replace(columns=s.columns[part]) for s in signatures]
         at = np.stack(np.meshgrid(strengths, *u, indexing="ij"), -1).reshape(
             -1, 1 + len(u))
         own = [p.quantile(column) for p, column in zip(priors, at.T[1:])]
-        gain = log_likelihoods(h, scene, signatures, np.column_stack(
-            [theta * np.where(driven, at[:, :1], 1.0), *own])) - even
+        gain = log_likelihoods(h, seen, known, np.column_stack(
+            [theta * np.where(driven, at[:, :1], 1.0), *own])) - log_likelihoods(
+                member, seen, known, theta[None])
         return at[gain.argmax()], gain.reshape(len(strengths), -1).max(0)
     step, p = 1.0 / LEVEL_NODES, len(priors)
-    (strength, *u), gain = gains(DRIVEN, *p * [step * (np.arange(LEVEL_NODES) + 0.5)])
+    (strength, *u), gain = gains(slice(None if member.onsets else HEAD), DRIVEN,
+                                 *p * [step * (np.arange(LEVEL_NODES) + 0.5)])
     finer = np.arange(-1, 2) / 3.0
-    _, near = gains(strength * 2.0**finer, *(v + step * finer for v in u))
+    _, near = gains(slice(None), strength * 2.0**finer, *(v + step * finer for v in u))
     gain[gain.argmax()] = logsumexp(near) - p * np.log(3.0)
     return float(min(logsumexp(gain) - p * np.log(LEVEL_NODES), near.max() - 2.0))
 
