@@ -831,7 +831,7 @@ PART = 16      # of n states, so many times one to four do
 TILE = 128     # samples; a TILE x LANES tile of data (32 KiB) stays in the L1 cache
 STRETCH = 32   # samples after which gains of n-state filters may have settled
 SETTLING = 256    # samples of which these gains are found at a time
-UNROLLED = 7   # states of a filter whose loops LLVM unrolls, at most
+UNROLLED = 8   # states of a filter whose loops LLVM unrolls, at most
 UNROLLED_CHAIN = 5    # the same of its gains, where states mix
 DUST = 1e-100  # states so small are 0: arithmetic with numbers below 1e-308, to which
                # they decay where a record is 0 for long, takes 40 times as long
@@ -1139,7 +1139,7 @@ def _gains_abreast(observed, first, last_gap, entries, apart, Phi, Q, H, r, P, g
     f, product = np.empty(M), np.ones(M)
     for i in range(len(observed)):
         o, at = observed[i], first + i
-        own, noise = min(at, len(H) - 1), min(at, len(r) - 1)
+        own, noise = min(at, len(H) - 1), min(i, len(r) - 1)
         if i % STRETCH == 0:
             for row in range(n):
                 for s in range(row + 1):
@@ -1422,8 +1422,8 @@ def _advance_abreast(y, observed, first, pairs, entries, *groups):
 
     y (., n_samples); entries (K, 2) rows and columns of Phi that are not zero. Of every
     group: `rows` (C, M) of y that are records of a node, beside which there are ones;
-    Phi, Q (1 or N, n, n, M), H (1 or N, n, M); `since` (R,) and r (R, M), from which
-    sample on the white noise has which variance; filtered state x (C + 1, n, M) and
+    Phi, Q (1 or N, n, n, M), H (1 or N, n, M); `since` (R,) and r (M or fewer, R), from
+    which sample on the white noise has which variance, that of the last for the rest; filtered state x (C + 1, n, M) and
     covariance P (n, n, M); sums (C + 1, 2, M) of nu^2/f and nu mu/f, the last row
     information and log_det; products (P, M) of nu nu/f of pairs (P, 2) of records.
     """
@@ -1494,7 +1494,7 @@ def _gains_of_group(observed, first, P, log_det, entries, away, Phi, Q, H, since
             continue
         for start, stop, *gains in _gains_of_run(
                 observed[begin:end], first + begin, P, log_det, entries, away, Phi, Q,
-                H, r[number][None] if seldom else r):
+                H, r[:, number:number + 1] if seldom else r):
             yield begin + start, begin + stop, *gains
 
 
@@ -1504,13 +1504,14 @@ def _gains_of_run(observed, first, P, log_det, entries, away, Phi, Q, H, r):
     """
     n, M = P.shape[1:]
     gain, weight = np.empty((SETTLING, n, M)), np.empty((SETTLING, M))
-    timeless = len(Phi) == len(Q) == len(H) == len(r) == 1
+    even = r.shape[1] == 1
+    timeless = even and len(Phi) == len(Q) == len(H) == 1
     unrolled = timeless and away <= 1 and n <= (UNROLLED_CHAIN if away else UNROLLED)
     if unrolled:
         full, zeros = np.indices((n, n)), np.zeros((n * n + n, M))
         square = P[full.max(0), full.min(0)].reshape(n * n, M)
-        nodes = _in_rows(Phi[0], H[0], zeros[:n + 1], np.ones((1, M)), r, square,
-                         Q[0].reshape(n * n, M), zeros)
+        nodes = _in_rows(Phi[0], H[0], zeros[:n + 1], np.ones((1, M)), _abreast_at(
+            r, M), square, Q[0].reshape(n * n, M), zeros)
     begin, steady, samples = 0, False, len(observed)
     last_gap = np.flatnonzero(observed == 0.0).max(initial=-1)
     while begin < samples and not steady:
@@ -1519,8 +1520,10 @@ def _gains_of_run(observed, first, P, log_det, entries, away, Phi, Q, H, r):
             count, steady = _gains_unrolled(part, gap, (0,) * n, () if away else None,
                                             nodes, P, gain, weight, log_det)
         else:
-            count, steady = _gains_abreast(part, first + begin, gap, entries, away == 0,
-                                           Phi, Q, H, r, P, gain, weight, log_det)
+            at = first + begin
+            count, steady = _gains_abreast(
+                part, at, gap, entries, away == 0, Phi, Q, H, _abreast_at(
+                    r if even else r[:, at:at + len(part)], M), P, gain, weight, log_det)
         yield begin, begin + count, gain[:count], weight[:count]
         begin += count
     if begin < samples:
@@ -1701,11 +1704,9 @@ def _abreast(part):
     return np.moveaxis(part, 1, -1).copy()
 
 
-def _runs_abreast(r, M):
-    """`_even_runs` of groups of M nodes: (since (R,), r (R, M))."""
-    for first in range(0, len(r), M):
-        since, own = _even_runs(r[first:first + M])
-        yield since, own.T.take(np.arange(M), axis=1, mode="clip")
+def _abreast_at(r, M):
+    """Variances (M or fewer, R) as (R, M), that of the last node for the rest."""
+    return r.T.take(np.arange(M), axis=1, mode="clip")
 
 
 def _one_by_one(part, nodes):
@@ -1722,7 +1723,8 @@ def _start_abreast(b, rows, pairs=NO_PAIRS):
     """
     rows = _abreast(rows.T)
     Phi, Q, H, m0, P = map(_abreast, (b.Phi, b.Q, b.H, b.m0, b.P0))
-    since, r = zip(*_runs_abreast(b.r, Phi.shape[-1]))
+    M = Phi.shape[-1]
+    since, r = zip(*(_even_runs(b.r[k:k + M]) for k in range(0, len(b.r), M)))
     x = np.repeat(m0[:, None], rows.shape[1] + 1, 1)
     x[:, -1] = 0.0
     return (pairs, _entries(b), rows, Phi, Q, H, since, r, x, P,

@@ -100,7 +100,8 @@ def _for_scans(scene, solved):
     kept.
     """
     one = solved.node(int(solved.base.argmax())).for_scans(np.isnan(scene.y))
-    return solved._replace(steps=None), one._replace(steps=one.steps.copy())
+    several = solved if len(solved.base) > 1 else one
+    return several._replace(steps=None), one._replace(steps=one.steps.copy())
 
 
 def _nodes(scene, latest, past):

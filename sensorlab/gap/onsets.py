@@ -113,7 +113,7 @@ def _known(scene, family, one):
     knots = np.minimum(knots, N - lengths[:, None] - 1)
     some = np.unique([*range(0, len(lengths), APART), len(lengths) - 1])
     J = np.concatenate([information(scene, block.columns, one)[0, :, 0, 0]
-                        for block in blocks(scene, family, [
+                        for block in blocks(scene, family, one, [
                             (i * scene.dt, n * scene.dt)
                             for n, at in zip(lengths[some], knots[some])
                             for i in at])])

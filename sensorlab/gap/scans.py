@@ -61,7 +61,7 @@ def _frequency_scan(scene, family, one):
     exact = slow if N <= LONG_RECORD else np.union1d(
         np.arange(MIN_CYCLES + 1, EXACT_CYCLES) / scene.duration, slow[[0, -1]])
     J = np.concatenate([information(scene, block.columns, one)
-                        for block in blocks(scene, family, exact)], axis=1)
+                        for block in blocks(scene, family, one, exact)], axis=1)
     number = np.stack([line[:, first:split].real, -line[:, first:split].imag], axis=-1)
     yield found(least_squares(slow, number, _interpolated(slow, exact, J)).gain, first)
     count = np.sum(~np.isnan(scene.y))

@@ -158,7 +158,8 @@ def families(scene, effects, signatures=()):
     return result
 
 
-ROWS = 6    # columns at a time, at least: of fewer, each takes longer
+ROWS = 6    # columns at a time, at least: of fewer, each takes longer, ...
+ROWS_ALONE = 10    # ... the more so in a bank of one node
 MOST_TOGETHER = 20 * BLOCK    # samples of these, if they are more than two
 
 
@@ -172,17 +173,18 @@ class Block(NamedTuple):
     __repr__ = brief
 
 
-def blocks(scene, family, psi=None):
+def blocks(scene, family, solved, psi=None):
     """`Block` after block of a family's signatures at psi, by default all that it has,
     in all variants. The columns of one are overwritten by those of the next: a long
     record has no room for both.
     """
+    least = ROWS if solved.filter or len(solved.base) > 1 else ROWS_ALONE
     values, variants, block = [], [], None
     for value, variant, columns in _columns(scene, family,
                                             family.psi if psi is None else psi):
         N, k = columns.shape
         if block is None:
-            rows = max(BLOCK // N, min(ROWS, MOST_TOGETHER // N), 2)
+            rows = max(BLOCK // N, min(least, MOST_TOGETHER // N), 2)
             block = np.empty((rows // k, k, N))
         block[len(values)] = columns.T
         values.append(value)
@@ -212,7 +214,7 @@ def _columns(scene, family, psi):
 def scores_at(scene, family, solved, psi=None):
     """`Scores` of the signatures of `blocks`."""
     parts = []
-    for block in blocks(scene, family, psi):
+    for block in blocks(scene, family, solved, psi):
         m, k, N = block.columns.shape
         number = row_products(solved.residual, block.columns.reshape(-1, N))
         parts.append(least_squares(block.psi, number.reshape(-1, m, k), information(
