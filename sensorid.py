@@ -1423,9 +1423,10 @@ def _advance_abreast(y, observed, first, pairs, entries, *groups):
     y (., n_samples); entries (K, 2) rows and columns of Phi that are not zero. Of every
     group: `rows` (C, M) of y that are records of a node, beside which there are ones;
     Phi, Q (1 or N, n, n, M), H (1 or N, n, M); `since` (R,) and r (M or fewer, R), from
-    which sample on the white noise has which variance, the last node's for the rest; filtered state x (C + 1, n, M) and
-    covariance P (n, n, M); sums (C + 1, 2, M) of nu^2/f and nu mu/f, the last row
-    information and log_det; products (P, M) of nu nu/f of pairs (P, 2) of records.
+    which sample on the white noise has which variance, that of the last node for the
+    rest; filtered state x (C + 1, n, M) and covariance P (n, n, M); sums (C + 1, 2, M)
+    of nu^2/f and nu mu/f, the last row information and log_det; products (P, M) of
+    nu nu/f of pairs (P, 2) of records.
     """
     side_by_side(lambda group: _advance_group(y, observed, first, pairs, entries,
                                               *group), list(zip(*groups)))

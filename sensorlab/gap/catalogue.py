@@ -190,8 +190,8 @@ def _correlated_noise(scene, filt, tau, sigma):
     return beside(filt, [np.exp(-scene.dt / tau)], [sigma])
 
 
-FLICKER_TIMES = 1.0, 0.065    # samples, share of the record: shortest and longest of the
-                              # correlation times that make up flicker noise
+FLICKER_TIMES = 1.0, 0.065    # samples, share of the record: shortest and longest
+                              # correlation time of what makes up flicker noise
 FLICKER_BAND = 0.25     # cycles a sample: faster, a sensor's filter and aliases have it
 FLICKER_NATS = 0.1      # that the sum may be off by, an e-fold of frequencies
 
