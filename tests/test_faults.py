@@ -55,7 +55,8 @@ def test_an_output_that_cannot_be_printed_loses_nothing(here, shell, status):
 
 def test_an_interrupt_ends_in_one_line(here):
     np.savez("r.npz", error=np.random.default_rng(0).normal(size=10**7).cumsum(), dt=1.)
-    started = subprocess.Popen([sys.executable, sensorid.__file__, *IDENTIFY],
+    # by default three hypotheses, which take longer than this
+    started = subprocess.Popen([sys.executable, sensorid.__file__, "identify", "r.npz"],
                                stderr=subprocess.PIPE, text=True)
     time.sleep(2.0)
     started.send_signal(signal.SIGINT)
