@@ -249,21 +249,25 @@ def change_of_level(effect, scene, member, signatures, theta):
     h, priors = member.with_effect(effect), effect.parameters(scene)
     driven = [symbol in DRIVES for _, symbol in member.keys]
 
+    def up_to(samples):
+        seen, known = scene.cut(slice(samples)), [
+            s._replace(columns=s.columns[:samples]) for s in signatures]
+        return seen, known, log_likelihoods(member, seen, known, theta[None])
+    whole = up_to(len(scene.y))
+    head = whole if member.onsets or len(scene.y) <= HEAD else up_to(HEAD)
+
     def gains(part, strengths, *u):
-        seen, known = scene.cut(part), [
-            s._replace(columns=s.columns[part]) for s in signatures]
+        seen, known, even = part
         at = np.stack(np.meshgrid(strengths, *u, indexing="ij"), -1).reshape(
             -1, 1 + len(u))
         own = [p.quantile(column) for p, column in zip(priors, at.T[1:])]
         gain = log_likelihoods(h, seen, known, np.column_stack(
-            [theta * np.where(driven, at[:, :1], 1.0), *own])) - log_likelihoods(
-                member, seen, known, theta[None])
+            [theta * np.where(driven, at[:, :1], 1.0), *own])) - even
         return at[gain.argmax()], gain.reshape(len(strengths), -1).max(0)
-    step, p = 1.0 / LEVEL_NODES, len(priors)
-    (strength, *u), gain = gains(slice(None if member.onsets else HEAD), DRIVEN,
-                                 *p * [step * (np.arange(LEVEL_NODES) + 0.5)])
+    p = len(priors)
+    (strength, *u), gain = gains(head, DRIVEN, *p * [_middles(LEVEL_NODES)])
     finer = np.arange(-1, 2) / 3.0
-    _, near = gains(slice(None), strength * 2.0**finer, *(v + step * finer for v in u))
+    _, near = gains(whole, strength * 2.0**finer, *(v + finer / LEVEL_NODES for v in u))
     gain[gain.argmax()] = logsumexp(near) - p * np.log(3.0)
     return float(min(logsumexp(gain) - p * np.log(LEVEL_NODES), near.max() - 2.0))
 
