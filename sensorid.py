@@ -1904,8 +1904,8 @@ def _without_spread(s2, log_s2, count, chi2, score, information, log_det, bias):
 
 @njit(**JIT)
 def _scale_window(count, chi2, score, information, bias, least, most):
-    """Mode of ln scale where scale^2 is within least..most, its exp(2 mode), and the
-    half-width that counts.
+    """Mode of ln scale where scale^2 is within least..most, its exp(2 mode), and how far
+    below and above it counts.
 
     The log posterior of u = ln scale is -count u - D exp(-2u) / 2, less half a nat for
     the bias; D hardly depends on u, so that four fixed-point steps find the mode.
@@ -1923,7 +1923,7 @@ def _scale_window(count, chi2, score, information, bias, least, most):
     width = 2.0 * TAIL / (slope + np.sqrt(slope * slope + 2.0 * TAIL * curvature)
                           + 1e-300)
     # few samples leave a slow upper tail
-    return 0.5 * np.log(s2), s2, max(width, TAIL / max(known, 1e-3))
+    return 0.5 * np.log(s2), s2, width, max(width, TAIL / max(known, 1e-3))
 
 
 @njit(**JIT)
@@ -1950,11 +1950,11 @@ def _node_mass(count, chi2, score, node, limits, power, bias):
         low[j], high[j] = node[j, 3], node[j, 4]
         width, s2 = 0.5, 1.0
         if low[j] < high[j]:
-            mode[j], s2, width = _scale_window(
+            mode[j], s2, below, above = _scale_window(
                 count - power, chi2[j], score[j], information, bias, node[j, 5],
                 node[j, 6])
-            low[j], high[j] = (max(low[j], mode[j] - width),
-                               min(high[j], mode[j] + width))
+            low[j], high[j] = (max(low[j], mode[j] - below),
+                               min(high[j], mode[j] + above))
             width = 0.5 * (high[j] - low[j])
         known, spread = _without_spread(s2, 2.0 * mode[j], count, chi2[j], score[j],
                                         information, log_det, bias)

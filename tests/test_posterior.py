@@ -106,6 +106,21 @@ def test_scale_integral_equals_adaptive_quadrature(count, chi2, score, informati
     assert_allclose(mean[0], first / total, rtol=1e-4)
 
 
+def test_a_record_far_outside_a_range_ends_at_its_edge():
+    y = np.random.default_rng(0).normal(size=10**6).cumsum()
+    least, most = 0.5, 2.0
+    h = s.hypothesis("white_noise", sigma_v=(least, most), bias_sigma=0.0)
+    answer = s.identify(y, 1.0, [h])
+    chi2 = y @ y / most**2
+    slope = (chi2 - len(y)) / most    # of ln f(Y / sigma_v) where the range ends
+    wanted = -0.5 * (len(y) * np.log(2.0 * np.pi * most**2) + chi2) - np.log(
+        slope * (most - least))
+    (e,) = answer.estimates
+    assert_allclose(e.mean, most, rtol=1e-8)
+    assert e.log_evidence == pytest.approx(wanted, rel=1e-12)
+    assert answer.probability == 1.0
+
+
 def test_point_masses_have_the_moments_of_the_estimate():
     H = paper_case(3)
     y = s.simulate(H, 0.1, 2000, 1, seed=3).error[0]
