@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 from numba import njit
+from scipy.optimize import nnls
 from scipy.signal import lfilter
 
 from sensorid import JIT, Parameter, ShapingFilter, sum_of
@@ -189,13 +190,37 @@ def _correlated_noise(scene, filt, tau, sigma):
     return beside(filt, [np.exp(-scene.dt / tau)], [sigma])
 
 
-def flicker_times(scene):
-    """Correlation times, s, of the processes that make up flicker noise: from a tenth
-    of the record to the sampling interval, at even distances, five at most.
+FLICKER_TIMES = 1.0, 0.065    # samples, share of the record: shortest and longest
+                              # correlation time of what makes up flicker noise
+FLICKER_BAND = 0.25     # cycles a sample: faster, a sensor's filter and aliases have it
+FLICKER_NATS = 0.1      # that the sum may be off by, an e-fold of frequencies
+
+
+@functools.lru_cache(16)
+def flicker_processes(samples):
+    """Correlation times, in samples, and variances of the Markov processes that make up
+    flicker noise of the two-sided spectrum 1 / (2 pi f), f in cycles a sample.
+
+    Processes at even distances d of ln tau have the spectrum sum sech(ln omega tau)
+    / (2 omega): a ripple of 4 exp(-pi^2 / d), by Poisson's formula. A ripple r is worth
+    r^2 / 4 nats a frequency, and an e-fold has the fewer frequencies the slower they
+    are: at distances of pi^2 / (a - ln(tau) / 2) each is worth as much. Variances are
+    the least squares of what is left of the ripple. (One a decade: M. S. Keshner,
+    "1/f noise", Proc. IEEE 70, 1982.)
     """
-    decades = max(np.log10(0.1 * scene.duration / scene.dt), 0.0)
-    return 0.1 * scene.duration * 10.0**-np.linspace(
-        0.0, decades, int(np.clip(2.0 * decades, 1, 5)))
+    a = 0.5 * np.log(4.0 / FLICKER_NATS * samples / (2.0 * np.pi))
+    first, last = np.log(np.array(FLICKER_TIMES) * (1.0, samples))
+    begin, end = ((a - x / 4.0) * x / np.pi**2 for x in (first, max(first, last)))
+    number = np.linspace(begin, end, math.ceil(end - begin) + 1)
+    tau = np.exp(2.0 * (a - np.sqrt(a**2 - np.pi**2 * number)))
+
+    k = np.unique(np.geomspace(1.0, max(FLICKER_BAND * samples, 2.0), 400).astype(int))
+    f, many = k[:, None] / samples, np.gradient(k.astype(float))
+    factor = np.exp(-1.0 / tau)
+    ratio = 2.0 * np.pi * f * (1.0 - factor**2) / np.abs(
+        1.0 - factor * np.exp(-2j * np.pi * f))**2
+    variance, _ = nnls(np.sqrt(many)[:, None] * ratio, np.sqrt(many))
+    return tau, variance
 
 
 def _bias_instability(scene, filt, sigma):
@@ -205,11 +230,10 @@ def _bias_instability(scene, filt, sigma):
     The coefficient B of IEEE Std 952 (two-sided S = B^2 / (2 pi f)) is sigma times
     sqrt(pi / (decades ln 10)).
     """
-    taus = flicker_times(scene)
-    decades = np.floor(max(np.log10(0.1 * scene.duration / scene.dt), 0.0)) + 1.0
-    apart = np.log10(taus[0] / taus[1]) if len(taus) > 1 else 1.0
-    return beside(filt, np.exp(-scene.dt / taus),
-                  [np.sqrt(apart / decades) * sigma] * len(taus))
+    tau, variance = flicker_processes(len(scene.y))
+    decades = np.floor(max(np.log10(0.1 * len(scene.y)), 0.0)) + 1.0
+    B = np.sqrt(np.pi / (decades * np.log(10.0))) * sigma
+    return beside(filt, np.exp(-1.0 / tau), [own * B for own in np.sqrt(variance)])
 
 
 NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at zero
@@ -694,8 +718,8 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="record longer, sample faster"),
     Effect("bias_instability", model=_bias_instability, elementwise=True,
            parameters=lambda s: (_log("sigma", 0.01 * s.white, _spread(s)),),
-           equation="y + Markov processes, tau evenly in log from dt to T / 10, "
-                    "together of standard deviation sigma, in u",
+           equation="y + Markov processes of the spectrum B^2 / (2 pi f) together, B = "
+                    "sigma sqrt(pi / (decades ln 10)) in u, decades from dt to T / 10",
            resembles="correlated noise, random walk", experiment="record longer"),
     Effect("narrow_band_noise", model=_narrow_band, elementwise=True, search="band",
            parameters=lambda s: (Parameter("frequency", MIN_CYCLES / s.duration,
