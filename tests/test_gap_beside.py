@@ -18,6 +18,8 @@ SIZES = dict(
     narrow_band_noise=dict(frequency=0.12, tau=30.0, sigma=0.6),
     noise_bursts=dict(quiet=150.0, duration=30.0, sigma=1.5))
 
+SAMPLES = dict(bias_instability=6000)    # 3000 may resemble one process
+
 
 def effect(name):
     values, one = SIZES[name], CATALOGUE[name]
@@ -30,7 +32,7 @@ def effect(name):
     ("narrow_band_noise", "bias_instability"), ("narrow_band_noise", "noise_bursts"),
     ("noise_bursts", "bandwidth"), ("random_telegraph", "bandwidth")])
 def test_what_is_missing_is_named_beside_what_is_known(known, missing):
-    scene = Scene(np.zeros(3000), DT, {})
+    scene = Scene(np.zeros(SAMPLES.get(missing, 3000)), DT, {})
     truth = sensorid.hypothesis("markov", tau_m=300.0, sigma_m=0.9, sigma_v=0.5)
     ranges = sensorid.hypothesis("markov", tau_m=(60, 1500), sigma_m=(0.5, 1.5),
                                  sigma_v=(0.25, 1))

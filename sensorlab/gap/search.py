@@ -13,9 +13,10 @@ from sensorlab.gap.distance import Gap
 from sensorlab.gap.flexible import stays_needed
 from sensorlab.gap.readings import as_read
 
-MAX_EFFECTS = 6         # beside readings
+MAX_NOISES = 6          # effects beside readings that the filter must follow: columns
+                        # cost little
 MAX_DOUBTFUL = 3        # one after another that may stand in for something unknown
-MAX_LOOKS = 8           # with what the simulator's own records show, too
+MAX_LOOKS = 10          # with what the simulator's own records show, too
 MAX_EXCHANGES = 2
 EXPLAINED = 0.01        # p-value of what is left, below which no set is the right one
                         # and their evidence does not tell which is nearest
@@ -46,12 +47,12 @@ def search(full, start, readings, effects, before, glanced, shared):
     described, but nothing that is missing.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
-    added, doubtful, exchanges, left = 0, 0, 0, 0.0
+    noises, doubtful, exchanges, left = 0, 0, 0, 0.0
     leaves, after, lesser = {}, before, {}
     if path.found:
         after = glanced(acc)
     for _ in range(0 if any(r.opaque for r in start.readings) else MAX_LOOKS):
-        if added == MAX_EFFECTS or doubtful == MAX_DOUBTFUL:
+        if noises == MAX_NOISES or doubtful == MAX_DOUBTFUL:
             break
         # a process shows in the undirected statistics, if it is there, or in parameters
         # that are at an end of their range in its place; jumps may not
@@ -79,7 +80,7 @@ def search(full, start, readings, effects, before, glanced, shared):
                                                *acc.signatures[:-1]))
             after = glanced(acc, after)
             continue
-        added += 1
+        noises += not one.effect.columns
         acc, path = look.account, _joined(path, found[0])
         leaves.pop(path.effect)
         acc, lesser, path, leaves = _without_needless(full, acc, path, leaves,

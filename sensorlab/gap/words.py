@@ -101,7 +101,7 @@ def gap_sentence(d):
 def with_found(d):
     """What the simulator with effects is called in a picture."""
     names = list(dict.fromkeys(phrase(one.name, [one]) for one in d.found))
-    return "with " + (listed(names) if len(names) < 3 else f"{len(names)} effects")
+    return "with " + (listed(names) if len(names) < 3 else f"{len(d.found)} effects")
 
 
 def is_named(d):
