@@ -253,6 +253,8 @@ def _told_by_screens(scene, plain, acc, reference, effects):
         elif effect.jumps and effect.name not in SCREENS:
             yield max(change_of_level(effect, scene, acc.member, acc.signatures,
                                       acc.theta), _told_by_spectra(effect, scene, acc))
+        elif effect.model and not effect.search:
+            yield _told_by_spectra(effect, plain, reference)
         else:
             yield screened(effect, scene, z, variance)
 
