@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import DT, MODEL, member, scene_of
 from numpy.testing import assert_allclose
+from scipy.signal import lfilter
 
 from sensorlab import CATALOGUE, Scene
 from sensorlab.gap import (
@@ -30,11 +31,20 @@ def test_nodes_of_two_posteriors_give_the_evidence(level):    # moves the poster
             solved.base + signatures.mean_bayes(one.gain, table[one.k])
             for one in found)])
     whole = evidence.integrate(log_likelihood, h.parameters, effort=6.0)
-    (sample,) = directed.directed(scene, account(scene, [h]), listed)
+    reference = account(scene, [h])
+    (sample,) = directed.directed(scene, reference, listed)
     gain = whole.log_evidence - whole.log_evidence[0]
     assert (gain.max() > 50.0) == (level == 4)
     near = gain > gain.max() - 10.0    # of the others, nodes of theirs would tell
     assert_allclose(sample.log_evidence[near], whole.log_evidence[near], atol=0.4)
+    if level:    # those that cannot be the best are asked at the first nodes alone
+        (first,) = directed._scored(scene, reference, reference, listed, range(1, 5),
+                                    table)
+        assert len(sample.theta) > len(first.theta)
+        alone = directed._pooled(scene, [first], reference.samples[0]).log_evidence
+        far = alone < alone.max() - directed.RESCUED
+        assert far.any() and not far[gain.argmax()]
+        assert_allclose(sample.log_evidence[far], alone[far], rtol=1e-12)
 
 
 def test_few_nodes_at_a_time_give_the_same_evidence(monkeypatch):
@@ -87,6 +97,22 @@ def test_a_screen_tells_about_what_the_filters_tell(name, share, monkeypatch):
     exact, about = ln_bayes(scene, member(scene, MODEL[0]), name)
     assert (exact > 3.0) == bool(share)
     assert_allclose(about, exact, atol=1.0 + 0.2 * abs(exact))
+
+
+@pytest.mark.parametrize("name", ["correlated_noise", "bias_instability"])
+@pytest.mark.parametrize("size", [0.0, 0.25, 0.5])
+def test_spectra_tell_about_what_the_filters_of_a_process_tell(name, size):
+    rng, a = np.random.default_rng(3), np.exp(-0.1)
+    walk, white, process = rng.standard_normal((3, 4000))
+    process = lfilter([np.sqrt(1.0 - a**2)], [1.0, -a], process)
+    scene = Scene(0.02 * np.cumsum(walk) + 0.5 * white + size * process, DT, {})
+    base = account(scene, [member(scene, h) for h in MODEL])
+    full = account(scene, base.bases, [h.with_effect(CATALOGUE[name])
+                                       for h in base.hypotheses], past=base)
+    exact = full.log_evidence - base.log_evidence
+    (about,) = causes._told_by_screens(scene, scene, base, base, [CATALOGUE[name]])
+    assert (exact > 3.0) == (size > 0.0)
+    assert_allclose(about, exact, atol=1.0 + 0.1 * abs(exact))
 
 
 @pytest.mark.parametrize("name", ["noise_step", "walk_step", "random_telegraph"])

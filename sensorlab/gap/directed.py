@@ -38,13 +38,14 @@ def directed(scene, reference, listed, table=None):
     further signature, and with one of each family.
 
     Nodes come from its posterior and, where a signature moves that, from the one with
-    it: importance sampling from their mixture. `table` is that of ln B, by default
-    `bayes_table`.
+    it, which is asked of families that may be the best: importance sampling from their
+    mixture. `table` is that of ln B, by default `bayes_table`.
     """
     table, latest, added = table or bayes_table(), reference, set()
-    scored = [[] for _ in reference.hypotheses]
+    scored, asked = [[] for _ in reference.hypotheses], range(1, len(listed) + 1)
     while True:
-        for own, new in zip(scored, _scored(scene, reference, latest, listed, table)):
+        for own, new in zip(scored, _scored(scene, reference, latest, listed, asked,
+                                            table)):
             own.append(new)
         samples = [_pooled(scene, own, past)
                    for own, past in zip(scored, reference.samples)]
@@ -52,6 +53,7 @@ def directed(scene, reference, listed, table=None):
         if not number or len(added) == MAX_ADDED:
             return samples
         added.add(number)
+        asked = sorted({*asked} & _near_best(samples))
         signature, _ = estimate_signature(scene, reference, listed[number - 1], samples,
                                           number, 1)
         latest = account(scene, reference.bases, reference.hypotheses,
@@ -62,33 +64,38 @@ class _Scored(NamedTuple):
     """A hypothesis at nodes of its posterior in an account."""
 
     theta: np.ndarray             # (M, p)
-    log_likelihood: np.ndarray    # (M, 1 + F) with no further signature, with each
+    log_likelihood: np.ndarray    # (M, 1 + F) with no further signature, with one of
+                                  # each family; -inf where it was not asked for
     hypothesis: object            # Member
     account: object               # Account
     log_evidence: float           # there
 
 
-def _scored(scene, reference, latest, listed, table):
-    """`_Scored` of all hypotheses at nodes of their posteriors in the latest account.
+def _scored(scene, reference, latest, listed, asked, table):
+    """`_Scored` of all hypotheses at nodes of their posteriors in the latest account,
+    with the families of the numbers that are `asked`, from 1.
     """
     nodes = [_nodes(scene, latest, past) for past in latest.samples]
     most = max(NODE_BLOCK // len(scene.y), LEAST_NODES)
     parts = [(number, theta[begin:begin + most]) for number, theta in enumerate(nodes)
              for begin in range(0, len(theta), most)]
     # scans take longest: they begin; two of one kind would take the most memory
-    order = sorted(range(len(listed)), key=lambda k: listed[k].psi is not None)
+    order = sorted(asked, key=lambda k: listed[k - 1].psi is not None)
     found, likely = [[] for _ in nodes], {}    # of a long record a few nodes are a part
     for some in _together(parts, most):
         solved = side_by_side(lambda part: _for_scans(scene, solve(
             reference.hypotheses[part[0]], scene, reference.signatures, part[1])), some)
         jobs = list(itertools.product(range(len(some)), order))
         bayes = dict(zip(jobs, side_by_side(
-            lambda job: family_bayes(scene, listed[job[1]], *solved[job[0]], table,
+            lambda job: family_bayes(scene, listed[job[1] - 1], *solved[job[0]], table,
                                      likely.get((some[job[0]][0], job[1]))), jobs)))
         for at, (number, _) in enumerate(some):
             base = solved[at][0].base
-            found[number].append(np.column_stack([base, *(
-                base + bayes[at, k][0] for k in range(len(listed)))]))
+            ll = np.full((len(base), 1 + len(listed)), -np.inf)
+            ll[:, 0] = base
+            for k in order:
+                ll[:, k] = base + bayes[at, k][0]
+            found[number].append(ll)
             likely.update({(number, k): bayes[at, k][1] for k in order})
     return [_Scored(theta, np.vstack(ll), h, latest, past.log_evidence[0])
             for theta, ll, h, past in zip(nodes, found, reference.hypotheses,
@@ -129,11 +136,22 @@ def _pooled(scene, scored, past):
     theta = np.vstack([s.theta for s in scored])
     ll = np.vstack([s.log_likelihood for s in scored])
     # ln of the density of the mixture that the nodes are from, over that of the prior
-    mixture = log_sum([
+    laws = np.array([
         np.log(len(s.theta)) - s.log_evidence + log_likelihoods(
-            s.hypothesis, scene, s.account.signatures, theta) for s in scored], axis=0)
+            s.hypothesis, scene, s.account.signatures, theta) for s in scored])
+    mixture = log_sum(laws, axis=0)
+    # families that were asked for at nodes of few laws have these alone
+    times = np.isfinite([s.log_likelihood[0] for s in scored]).sum(0)
+    for few in set(times.tolist()) - {len(scored)}:
+        ll[:, times == few] += (mixture - log_sum(laws[:few], axis=0))[:, None]
     return Sample(theta, None, -mixture, ll, np.append(
         none, log_sum(ll[:, 1:] - mixture[:, None], axis=0)))
+
+
+def _near_best(samples):
+    """Numbers of the families that may be the best."""
+    evidence = np.array([s.log_evidence for s in samples])
+    return {*(1 + np.flatnonzero(evidence[:, 1:].max(0) > evidence.max() - RESCUED))}
 
 
 def _ill_known(samples, enough, added):
