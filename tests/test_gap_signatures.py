@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from conftest import DT, MODEL, dense, member
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import integrate as quadrature
+from scipy.signal import find_peaks
 from scipy.stats import norm
 
 import sensorid
@@ -245,3 +246,16 @@ def test_moments_of_a_size_are_integrals_over_its_posterior():
     sd = np.sqrt(moment(2) / moment(0) - mean**2)
     assert_allclose(np.array(found.values["slope"]) * np.sqrt(information), [mean, sd],
                     rtol=1e-6)
+
+
+@pytest.mark.parametrize("samples, smooth", [(5, 1), (900, 1), (4096, 30), (10**5, 300)])
+def test_peaks_that_stand_out_are_found_among_the_best_of_every_part(samples, smooth):
+    noise = np.random.default_rng(samples).standard_normal(samples)
+    gain = 9.0 * np.convolve(noise, np.ones(smooth) / smooth, "same")
+    peaks, how = find_peaks(gain, prominence=1.0)
+    most = peaks[np.argsort(-how["prominences"])[:onsets.EDGES]]
+    assert_array_equal(onsets._most_prominent(gain), np.sort(most))
+    # on two slopes, where each peak is held against all that lies below it
+    gain = 9.0 * noise - 1e-4 * (np.arange(samples) - 0.3 * samples)**2
+    found = onsets._most_prominent(gain)
+    assert gain.argmax() in found or samples < 9

@@ -89,6 +89,7 @@ FINE = 16              # parts of a duration, at least: a longer shape is held a
 KNOTS = np.array([0.0, 0.05, 0.5, 0.95])    # of all onsets, where information is exact
 APART = 3              # durations, from one whose information is exact to the next
 EDGES = 12             # onsets of steps that may be edges of a pulse
+MOST_PEAKS = 4096      # among which they are sought
 
 
 def _fineness(n):
@@ -203,8 +204,7 @@ def _between_edges(scene, family, one, best):
     which is an onset, samples and their information.
     """
     steps, residual = step_scores(scene, one), one.residual[0]
-    size, (peaks, how) = steps.size[0], find_peaks(steps.gain[0], prominence=1.0)
-    peaks = np.sort(peaks[np.argsort(-how["prominences"])[:EDGES]])
+    size, peaks = steps.size[0], _most_prominent(steps.gain[0])
     log_n, log_J = np.log([own[1:] for own in best]).T
     powers = np.gradient(log_J, log_n) if len(best) > 1 else np.ones(1)
     total = np.append(0.0, np.cumsum(residual))
@@ -222,6 +222,20 @@ def _between_edges(scene, family, one, best):
             for pulse, sd in zip(spans.tolist(), found.sd[0])])
         yield Scan(np.maximum(found.gain[0] + 2.0 * share, 0.0), 1, lambda number: (
             scene.dt * spans[number], np.full(len(number), RECTANGULAR)), share)
+
+
+def _most_prominent(gain):
+    """Numbers of the EDGES peaks of gains (N,) that stand out most, by a nat at least.
+    Of a long record they are sought among the best of every part: on a slope, each peak
+    is held against all that lies below it.
+    """
+    size = -(-len(gain) // MOST_PEAKS)
+    parts = np.append(gain, np.full(-len(gain) % size, -np.inf)).reshape(-1, size)
+    best = np.arange(0, len(gain), size) + parts.argmax(1)
+    line = np.empty(2 * len(best) + 1)
+    line[1::2], line[::2] = gain[best], np.minimum.reduceat(gain, [0, *best])
+    peaks, how = find_peaks(line, prominence=1.0)
+    return np.sort(best[(peaks[np.argsort(-how["prominences"])[:EDGES]] - 1) // 2])
 
 
 def _edges_near(total, onset, n, power):
