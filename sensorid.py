@@ -1904,8 +1904,8 @@ def _without_spread(s2, log_s2, count, chi2, score, information, log_det, bias):
 
 @njit(**JIT)
 def _scale_window(count, chi2, score, information, bias, least, most):
-    """Mode of ln scale where scale^2 is within least..most, its exp(2 mode), and how far
-    below and above it counts.
+    """Mode of ln scale where scale^2 is within least..most, its exp(2 mode), and how
+    far below and above it counts.
 
     The log posterior of u = ln scale is -count u - D exp(-2u) / 2, less half a nat for
     the bias; D hardly depends on u, so that four fixed-point steps find the mode.

@@ -260,8 +260,9 @@ def _told_by_screens(scene, plain, acc, reference, effects):
 
 
 def _told_by_spectra(effect, scene, acc):
-    """About ln B of a level: the integral of the posterior of its filter, were that the
-    normal law which the process of the same covariance has by the spectrum.
+    """About ln B of a process, or of a level: the integral of the posterior of its
+    filter, were that the normal law which the process of the same covariance has by the
+    spectrum.
     """
     def of(number):
         h = acc.hypotheses[number].with_effect(effect)

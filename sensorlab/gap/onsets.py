@@ -233,7 +233,7 @@ def _most_prominent(gain):
     parts = np.append(gain, np.full(-len(gain) % size, -np.inf)).reshape(-1, size)
     best = np.arange(0, len(gain), size) + parts.argmax(1)
     line = np.empty(2 * len(best) + 1)
-    line[1::2], line[::2] = gain[best], np.minimum.reduceat(gain, [0, *best])
+    line[1::2], line[::2] = gain[best], np.minimum.reduceat(gain, np.append(0, best))
     peaks, how = find_peaks(line, prominence=1.0)
     return np.sort(best[(peaks[np.argsort(-how["prominences"])[:EDGES]] - 1) // 2])
 
