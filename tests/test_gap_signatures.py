@@ -248,7 +248,7 @@ def test_moments_of_a_size_are_integrals_over_its_posterior():
                     rtol=1e-6)
 
 
-@pytest.mark.parametrize("samples, smooth", [(5, 1), (900, 1), (4096, 30), (10**5, 300)])
+@pytest.mark.parametrize("samples, smooth", [(5, 1), (900, 1), (4096, 30), (9**5, 300)])
 def test_peaks_that_stand_out_are_found_among_the_best_of_every_part(samples, smooth):
     noise = np.random.default_rng(samples).standard_normal(samples)
     gain = 9.0 * np.convolve(noise, np.ones(smooth) / smooth, "same")
