@@ -120,9 +120,7 @@ def test_outliers_in_white_noise_are_an_independent_mixture():
 @pytest.mark.parametrize("known, names", [
     (1, ["outliers"]), (1, ["noise_step", "outliers"]), (1, ["random_telegraph"]),
     (1, ["noise_step", "noise_bursts"]), (1, ["random_steps"]),
-    (0, ["narrow_band_noise", "noise_bursts"]),
-    (0, ["narrow_band_noise", "correlated_noise", "random_telegraph"]),
-    (0, ["narrow_band_noise", "correlated_noise", "random_steps"])])
+    (0, ["narrow_band_noise", "noise_bursts"])])
 def test_unrolled_mixture_filters_are_the_general_ones(short, known, names,
                                                        monkeypatch):
     scene, *_ = short

@@ -15,7 +15,7 @@ from sensorlab.gap.kernels import (
     observe_state, turn, turn_covariance, update_covariance, update_state)
 from sensorlab.gap.unrolled import (
     UNROLLED, UNROLLED_LEVELS, filter_levels, filter_outliers, lanes_of_group,
-    odd_and_log_score, parts_of, probabilities_beside)
+    odd_and_log_score, probabilities_beside)
 
 
 def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
@@ -44,8 +44,8 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
         in_threads(filter_outliers, some, (0,) * n, y, H, own, r, outlier, out, total)
     elif (levels, kinds) == (2, 1) and n <= UNROLLED_LEVELS and not len(
             later) and away < 2:
-        in_threads(filter_levels, some, (0,) * n, parts_of(n), () if away else None, y,
-                   H, own, pair, r, jump, moved, out, total)
+        in_threads(filter_levels, some, (0,) * n, () if away else None, y, H, own, pair,
+                   r, jump, moved, out, total)
     else:
         lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
         in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y,

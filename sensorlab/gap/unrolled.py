@@ -4,15 +4,14 @@ All numbers of a group are rows of lanes in one array, and the loops over states
 number is the length of a tuple, have known lengths: LLVM unrolls these, if they are
 short, and makes vectors of the loop around them. That must be long enough not to be
 unrolled itself, and what follows from the level must be known, too: a level, or the end
-of a path, is a tuple that is empty or not. A matrix of more than four states is too
-much for one loop: there is one for every part of its rows, whose ends are lengths, too.
+of a path, is a tuple that is empty or not.
 """
 
-import itertools
 import math
+from itertools import accumulate
 
 import numpy as np
-from numba import literal_unroll, njit
+from numba import njit
 from numpy.polynomial.chebyshev import cheb2poly, chebfit
 from scipy.special import erfcx
 
@@ -20,8 +19,7 @@ from sensorid import JIT, LOG_2PI
 from sensorlab.gap.kernels import KERNEL, LANES
 
 UNROLLED = 6           # states that a filter of outliers has at most, none in pairs;
-UNROLLED_LEVELS = 6    # that one of two levels has: more take long to compile
-ONE_PART, PART = 4, 2    # states whose matrix is one, and rows of a part of others
+UNROLLED_LEVELS = 4    # that one of two levels has: of more LLVM makes no vectors
 STRETCH = 64           # samples whose probabilities are told at once
 
 
@@ -261,7 +259,7 @@ ROWS = dict(
 # behind: the first level as it will be, and before that what a chain makes of P; of the
 # two paths to a level, how far they are apart, and their P h
 (NOISE, NU, F, CHANCE, OFFSET, LOUDER, STEP, WEIGHT, E, PER_F, PRIOR, HERE, LEAST, MASS,
- SHARE, SEEN_PER_F, EXPONENTS, PRODUCT, MADE) = itertools.accumulate(ROWS.values())
+ SHARE, SEEN_PER_F, EXPONENTS, PRODUCT, MADE) = accumulate(ROWS.values())
 TOLD = SHARE - E    # rows of which a sample is told
 
 
@@ -271,15 +269,15 @@ def _value_row(n):
 
 
 @njit(**KERNEL)
-def filter_levels(first, last, states, parts, chain, y, H, own, pair, r, jump, moved,
-                  out, total):
+def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, moved, out,
+                  total):
     """Groups of `mixtures.mixture_filters` of a level without outliers; a `chain` that
     is not None has pairs of neighbours. Probabilities have samples for lanes.
     """
-    N, M, n, lines = y.shape[1], own.shape[1], len(states), out.shape[2]
+    N, M, n, rows = y.shape[1], own.shape[1], len(states), out.shape[2]
     v = _value_row(n)
     node = np.empty((v + MADE + n * (n + 4)) * LANES)
-    told, past = np.empty((lines, STRETCH)), np.empty((LANES, TOLD + 1, STRETCH))
+    told, past = np.empty((rows, STRETCH)), np.empty((LANES, TOLD + 1, STRETCH))
     never, of_kind = np.zeros((4, STRETCH)), (1, 4, STRETCH)
     score, beyond = np.empty(STRETCH), np.empty(STRETCH)
     for group in range(first, last):
@@ -317,20 +315,12 @@ def filter_levels(first, last, states, parts, chain, y, H, own, pair, r, jump, m
                 node[(6 * n + moved) * LANES + g] = (
                     H[i, moved] * node[(v + STEP) * LANES + g])
             if chain is not None:
-                for rows in literal_unroll(parts):
-                    _turn(states, rows, (), node)
-            for rows in literal_unroll(parts):
-                _predict(states, rows, (), chain, node)
-            for rows in literal_unroll(parts):
-                _see(states, rows, (), node)
+                _turn(states, (), node)
+            _predict(states, (), chain, node)
             _observe(states, (), chain, node)
             if chain is not None:
-                for rows in literal_unroll(parts):
-                    _turn(states, rows, (0,), node)
-            for rows in literal_unroll(parts):
-                _predict(states, rows, (0,), chain, node)
-            for rows in literal_unroll(parts):
-                _see(states, rows, (0,), node)
+                _turn(states, (0,), node)
+            _predict(states, (0,), chain, node)
             _observe(states, (0,), chain, node)
             _take_path(states, (), (), H[i, moved], node)
             _take_path(states, (), (0,), H[i, moved], node)
@@ -339,14 +329,10 @@ def filter_levels(first, last, states, parts, chain, y, H, own, pair, r, jump, m
             _weigh_paths(states, node)
             _share_levels(states, node)
             _merge_states(states, (), node)
-            for rows in literal_unroll(parts):
-                _merge_covariances(states, rows, (), node)
+            _merge_covariances(states, (), node)
             _merge_states(states, (0,), node)
-            for rows in literal_unroll(parts):
-                _merge_covariances(states, rows, (0,), node)
-            for rows in literal_unroll(parts):
-                _go_on(states, rows, node)
-            _step(states, moved, node)
+            _merge_covariances(states, (0,), node)
+            _go_on(states, moved, node)
             if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
                 for g in range(LANES):
                     log_f[g] -= np.log(node[(v + PRODUCT) * LANES + g])
@@ -361,21 +347,12 @@ def filter_levels(first, last, states, parts, chain, y, H, own, pair, r, jump, m
                                          past[g, 12:16])
                 probabilities_beside(never, prior, per_f.reshape(of_kind), e, score,
                                      beyond, told)
-                if lines > 2:
+                if rows > 2:
                     odd_and_log_score(here, never, past[g, MASS - E],
                                       past[g, LEAST - E], past[g, TOLD], told)
                 _write(told, y[record[g]], i - j, out[record[g], at[g]])
         for g in range(number):
             total[record[g], at[g]] = -log_f[g] - node[(v + EXPONENTS) * LANES + g]
-
-
-def parts_of(n):
-    """Parts of the rows of n states for `filter_levels`: pairs of tuples, as long as
-    the first row and as the one behind the last.
-    """
-    ends = [0, n] if n <= ONE_PART else [*range(0, n, PART), n]
-    return tuple(((0,) * first, (0,) * last) for first, last in itertools.pairwise(
-        ends))
 
 
 @njit(**JIT)
@@ -385,12 +362,12 @@ def _lower(n, s, t):
 
 
 @njit(**JIT)
-def _turn(states, rows, level, node):
-    """Rows of Phi P of a level of a chain, where the first level will be."""
+def _turn(states, level, node):
+    """Phi P of a level of a chain, where the first level will be."""
     n, P = len(states), 9 * len(states) + len(level) * len(states)**2
     turned = _value_row(n) + MADE
     for g in range(LANES):
-        for s in range(len(rows[0]), len(rows[1])):
+        for s in range(n):
             for t in range(n):
                 new = (node[s * LANES + g]
                        * node[(P + _lower(n, s, t)) * LANES + g])
@@ -404,14 +381,12 @@ def _turn(states, rows, level, node):
 
 
 @njit(**JIT)
-def _predict(states, rows, level, chain, node):
-    """Rows of the covariance of a level at a sample, Eq. (5), after `_turn` if it is a
-    chain.
-    """
+def _predict(states, level, chain, node):
+    """Covariance of a level at a sample, Eq. (5), after `_turn` if it is a chain."""
     n, P = len(states), 9 * len(states) + len(level) * len(states)**2
     turned = _value_row(n) + MADE
     for g in range(LANES):
-        for s in range(len(rows[0]), len(rows[1])):
+        for s in range(n):
             for t in range(s + 1):
                 k = s * n + t
                 if chain is None:
@@ -433,30 +408,17 @@ def _predict(states, rows, level, chain, node):
 
 
 @njit(**JIT)
-def _see(states, rows, level, node):
-    """Rows of P h of a level."""
-    n, at = len(states), len(level)
-    h, P, Ph = 5 * n, 9 * n + at * n * n, (9 + at) * n + 2 * n * n
-    for g in range(LANES):
-        for s in range(len(rows[0]), len(rows[1])):
-            own = 0.0
-            for t in range(n):
-                own += (node[(P + _lower(n, s, t)) * LANES + g]
-                        * node[(h + t) * LANES + g])
-            node[(Ph + s) * LANES + g] = own
-
-
-@njit(**JIT)
 def _observe(states, level, chain, node):
     """State of a level at a sample, its innovation and the variance of this, Eqs. (6)
     to (8).
     """
     n, at, v = len(states), len(level), _value_row(len(states))
-    h, x, Ph = 5 * n, (7 + at) * n, (9 + at) * n + 2 * n * n
+    h, x, P, Ph = (5 * n, (7 + at) * n, 9 * n + at * n * n,
+                   (9 + at) * n + 2 * n * n)
     for g in range(LANES):
         nu, f, before = node[v * LANES + g], node[(v + NOISE) * LANES + g], 0.0
         for s in range(n):
-            old = node[(x + s) * LANES + g]
+            own, old = 0.0, node[(x + s) * LANES + g]
             new = node[s * LANES + g] * old
             if chain is not None:
                 if s > 0:
@@ -464,8 +426,11 @@ def _observe(states, level, chain, node):
                 if s < n - 1:
                     new += node[(3 * n + s) * LANES + g] * node[(x + s + 1) * LANES + g]
                 before = old
-            node[(x + s) * LANES + g] = new
-            f += node[(h + s) * LANES + g] * node[(Ph + s) * LANES + g]
+            for t in range(n):
+                own += (node[(P + _lower(n, s, t)) * LANES + g]
+                        * node[(h + t) * LANES + g])
+            node[(Ph + s) * LANES + g], node[(x + s) * LANES + g] = own, new
+            f += node[(h + s) * LANES + g] * own
             nu -= node[(h + s) * LANES + g] * new
         node[(v + NU + at) * LANES + g] = nu if nu == nu else 0.0
         node[(v + F + at) * LANES + g] = f
@@ -565,8 +530,8 @@ def _merge_states(states, level, node):
 
 
 @njit(**JIT)
-def _merge_covariances(states, rows, level, node):
-    """Rows of the covariance of a level after a sample, one Gaussian for two."""
+def _merge_covariances(states, level, node):
+    """The covariance of a level after a sample, one Gaussian for two."""
     n, to, v = len(states), len(level), _value_row(len(states))
     P, made, one, other = 9 * n, v + MADE + n, 2 * to, 2 * to + 1
     apart, new_P = made + n * n, P + n * n if to else made
@@ -575,7 +540,7 @@ def _merge_covariances(states, rows, level, node):
         rest = node[(v + SHARE + other) * LANES + g]
         shrink = node[(v + SEEN_PER_F + one) * LANES + g]
         shrinks = node[(v + SEEN_PER_F + other) * LANES + g]
-        for s in range(len(rows[0]), len(rows[1])):
+        for s in range(n):
             off = rest * node[(apart + s) * LANES + g]
             a = shrink * node[(apart + n + s) * LANES + g]
             b = shrinks * node[(apart + 2 * n + s) * LANES + g]
@@ -590,21 +555,15 @@ def _merge_covariances(states, rows, level, node):
 
 
 @njit(**JIT)
-def _go_on(states, rows, node):
-    """Rows of the first level as they are after a sample."""
+def _go_on(states, moved, node):
+    """Both levels as they are after a sample."""
     n, made = len(states), _value_row(len(states)) + MADE
     for g in range(LANES):
-        for s in range(len(rows[0]), len(rows[1])):
+        for s in range(n):
             node[(7 * n + s) * LANES + g] = node[(made + s) * LANES + g]
             for t in range(s + 1):
                 node[(9 * n + s * n + t) * LANES + g] = node[
                     (made + n + s * n + t) * LANES + g]
-
-
-@njit(**JIT)
-def _step(states, moved, node):
-    """What steps adds to the covariance of the second level."""
-    n, made = len(states), _value_row(len(states)) + MADE
     k = 9 * n + n * n + moved * (n + 1)
     for g in range(LANES):
         node[k * LANES + g] += node[(made - MADE + STEP) * LANES + g]
