@@ -16,7 +16,7 @@ from sensorlab.gap.readings import as_read
 MAX_NOISES = 6          # effects beside readings that the filter must follow: columns
                         # cost little
 MAX_DOUBTFUL = 3        # one after another that may stand in for something unknown
-MAX_LOOKS = 10          # with what the simulator's own records show, too
+MAX_LOOKS = 8           # with what the simulator's own records show, too
 MAX_EXCHANGES = 2
 EXPLAINED = 0.01        # p-value of what is left, below which no set is the right one
                         # and their evidence does not tell which is nearest
