@@ -66,6 +66,7 @@ class _Scored(NamedTuple):
     theta: np.ndarray             # (M, p)
     log_likelihood: np.ndarray    # (M, 1 + F) with no further signature, with one of
                                   # each family; -inf where it was not asked for
+    asked: tuple                  # (1 + F,) of bool: was it?
     hypothesis: object            # Member
     account: object               # Account
     log_evidence: float           # there
@@ -97,7 +98,8 @@ def _scored(scene, reference, latest, listed, asked, table):
                 ll[:, k] = base + bayes[at, k][0]
             found[number].append(ll)
             likely.update({(number, k): bayes[at, k][1] for k in order})
-    return [_Scored(theta, np.vstack(ll), h, latest, past.log_evidence[0])
+    known = tuple(k == 0 or k in order for k in range(1 + len(listed)))
+    return [_Scored(theta, np.vstack(ll), known, h, latest, past.log_evidence[0])
             for theta, ll, h, past in zip(nodes, found, reference.hypotheses,
                                           latest.samples)]
 
@@ -141,7 +143,7 @@ def _pooled(scene, scored, past):
             s.hypothesis, scene, s.account.signatures, theta) for s in scored])
     mixture = log_sum(laws, axis=0)
     # families that were asked for at nodes of few laws have these alone
-    times = np.isfinite([s.log_likelihood[0] for s in scored]).sum(0)
+    times = np.sum([s.asked for s in scored], axis=0)
     for few in set(times.tolist()) - {len(scored)}:
         ll[:, times == few] += (mixture - log_sum(laws[:few], axis=0))[:, None]
     return Sample(theta, None, -mixture, ll, np.append(
