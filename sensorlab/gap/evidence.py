@@ -11,7 +11,7 @@ from typing import Callable, NamedTuple
 import numpy as np
 from numba import njit
 from scipy.special import ndtr, ndtri
-from scipy.stats import multivariate_t
+from scipy.stats import chi2, multivariate_t
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tempered
@@ -215,7 +215,8 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
             modes.append(_flattened(*climb(
                 lambda x: located(x).log_posterior, start, flat), flat))
             top = located(modes[-1][0][None]).log_posterior[0]
-            missed = top > height + MISSED_NATS    # a second one may be missed, too
+            # a second one may be missed, too; the best of a round is not at the top
+            missed = top > height + MISSED_NATS + 0.5 * chi2.ppf(1.0 / few, d)
             law = modes[-1]
         else:
             law = _flattened(*_next_law(points, log_weight, effective, found,
@@ -297,8 +298,9 @@ def _next_law(points, log_weight, effective, found, laws):
 
 
 MAX_CLIMB = 12    # steps
-FAR = 1.0         # standard deviations from where it was taken: there a curvature is
-                  # taken again, which costs d / 4 times as many points as a slope
+FAR = 1.0         # standard deviations on average over all axes from where it was taken:
+                  # there a curvature is taken again, which costs d / 4 times as many
+                  # points as a slope
 DERIVATIVE_STEP = 1e-2    # in standard deviations of the prior: wide enough to pass
                           # over the roughness that a mixture filter has
 DAMPING = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 13)])
@@ -319,7 +321,7 @@ def climb(log_posterior, x, flat=()):
         return log_posterior(whole)
 
     def is_far():
-        return np.sum(width * (axes.T @ (x - taken))**2) > FAR**2
+        return np.mean(width * (axes.T @ (x - taken))**2) > FAR**2
     x = start[moves]
     taken, (height, slope, width, axes) = x, _curvature(heights_at, x)
     for step in range(MAX_CLIMB):
