@@ -243,6 +243,12 @@ def test_digits_and_two_levels_far_apart_are_no_lattice():
     assert catalogue.lattice(np.round(y, 4)) == pytest.approx(1e-4)
 
 
+def test_a_knock_far_from_all_other_values_makes_no_lattice():
+    y = 0.030 + 0.0007 * np.random.default_rng(5).standard_normal(3200)
+    y[[1000, 1001]] = 0.003, 0.004    # 21 digits below the least of the others
+    assert catalogue.lattice(np.round(y, 3)) == pytest.approx(0.001)
+
+
 def markov_and_noise(rng, n=4000, tau=300.0, sigma_m=0.5, sigma_v=0.5):
     a = np.exp(-DT / tau)
     w = sigma_m * np.sqrt(1.0 - a * a) * rng.standard_normal(n)

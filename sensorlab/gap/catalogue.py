@@ -542,8 +542,14 @@ def _blurred_spacing(values, step):
     tries = step * np.linspace(0.7, 1.4, int(8.0 * reach) + 16)
     tries = tries[np.abs(_concentration(values[::FEW], tries)) > CONCENTRATED / 2.0]
     phase = np.abs(_concentration(values, tries))
-    return _refined(values, tries[phase.argmax()]) if (
-        phase.max(initial=0.0) >= CONCENTRATED) else 0.0
+    if phase.max(initial=0.0) < CONCENTRATED:
+        return 0.0
+    lsb = _refined(values, tries[phase.argmax()])
+    # digits move a code, but do not spread it: values far apart in few heaps lie on none
+    code = np.round(values / lsb)
+    first, last = (np.searchsorted(code, np.unique(code), side) for side in (
+        "left", "right"))
+    return lsb if np.max(values[last - 1] - values[first]) < 2.0 * EXACT * lsb else 0.0
 
 
 def _refined(values, lsb):
