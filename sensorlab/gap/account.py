@@ -370,8 +370,7 @@ def _with_numbers(acc, theta, widths, sized):
     inside = [one._replace(values=fixed(**acc.member.of(one, scaled)))
               for one in acc.member.effects
               if not (one.effect.reading or one.effect.factor)]
-    return h, (*inside, *sized, *(r.found for r in acc.readings
-                                  if r.found.values.get("lsb", 1.0)))
+    return h, (*inside, *sized, *(r.found for r in acc.readings if r.does_something))
 
 
 def _around(p, value, width):

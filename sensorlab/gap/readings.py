@@ -25,8 +25,16 @@ class Reading(NamedTuple):
     opaque: bool         # it hides what else there may be
     moved: bool = False  # something was added to the record after it was rounded
     instead: "Reading" = None    # of the simulator's own, whose value is wrong
+    factor: float = 1.0          # by which it is
 
     __repr__ = brief
+
+    @property
+    def does_something(self):
+        """Does it alter any value?"""
+        values = self.found.values
+        return values.get("lsb", 1.0) > 0.0 and bool(
+            np.isfinite(values.get("limits", 0.0)).any())
 
 
 COINCIDENCE = 23.0    # nats: what one repeated value in double precision is worth,
@@ -102,20 +110,24 @@ def compared(scene, own, measured):
         elif not shown and measured and name == "quantization" and adds_noise(
                 scene.y, one.values["lsb"]):
             had[name] = seen[name] = mine._replace(moved=True)
-        elif name in WRONG and (shown or _would_show(scene, one)):
-            had[name], seen[name] = mine, (shown or mine._replace(
-                found=one._replace(values=WRONG[name][1](scene)),
-                log_bayes=COINCIDENCE * len(scene.y)))._replace(instead=mine)
+        elif name in NONE and (shown or _would_show(scene, one)):
+            new, symbol = shown or mine._replace(
+                found=one._replace(values=NONE[name](scene)),
+                log_bayes=COINCIDENCE * len(scene.y)), WRONG[name]
+            had[name], seen[name] = mine, new._replace(
+                instead=mine, factor=new.found.values[symbol] / one.values[symbol])
+        elif not shown and name == "saturation" and _beyond(scene, one):
+            seen[name] = _beyond(scene, one)._replace(instead=mine)
         elif not shown and name != "stuck":
             had[name] = seen[name] = mine
     return tuple(had.values()), tuple(seen.values())
 
 
 ALIKE = 0.02    # relative: two counts or limits that are the same
-WRONG = dict(    # which value of a reading may be wrong, and all where it does nothing
-    quantization=("lsb", lambda scene: dict(lsb=lattice(scene.y))),
-    repeated_samples=("frequency", lambda scene: dict(
-        frequency=1.0 / scene.dt, phase=np.pi)))
+WRONG = dict(quantization="lsb", repeated_samples="frequency", saturation="limits")
+NONE = dict(    # the values of a reading that does nothing
+    quantization=lambda scene: dict(lsb=lattice(scene.y)),
+    repeated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi))
 
 
 def _alike(own, seen, samples):
@@ -136,16 +148,32 @@ def _would_show(scene, one):
     return len(scene.y) * (1.0 - one.values["frequency"] * scene.dt) > 2.0 * FEWEST
 
 
+def _beyond(scene, one):
+    """The `Reading` without those limits of a simulator that the record of a scene
+    shows to be too narrow, and by which factor at least; None if it shows none.
+    """
+    limits = np.array(one.values["limits"])
+    ends = np.array([np.nanmin(scene.y), np.nanmax(scene.y)])
+    over = np.array([-1.0, 1.0]) * (ends - limits) > ROUNDING * scene.white
+    if not over.any():
+        return None
+    beyond = np.sum((scene.y < limits[0]) & over[0] | (scene.y > limits[1]) & over[1])
+    with np.errstate(divide="ignore"):
+        factor = np.max(ends[over] / limits[over])
+    wider = np.where(over, [-np.inf, np.inf], limits).tolist()
+    return Reading(one._replace(values=dict(limits=wider)), COINCIDENCE * float(beyond),
+                   np.zeros(len(scene.y), bool), False, factor=float(factor))
+
+
 def missing(r):
     """What a simulator lacks that has not a reading which the record shows, or has it
     with a wrong value, as `Found`.
     """
     one, values = r.found, r.found.values
     if r.instead:
-        symbol, _ = WRONG[one.name]
         one = one._replace(effect=one.effect._replace(name="wrong_parameter"))
-        values = dict(parameter=f"{r.found.name}.{symbol}",
-                      factor=values[symbol] / r.instead.found.values[symbol])
+        values = dict(parameter=f"{r.found.name}.{WRONG[r.found.name]}",
+                      factor=r.factor)
     return one._replace(values={
         symbol: (value, 0.0) for symbol, value in values.items()})
 
