@@ -515,3 +515,35 @@ def test_an_effect_found_twice_keeps_both_sets_of_parameters():
     assert both.parameters == {"sinusoid.frequency": (0.1, 0.1),
                                "sinusoid_2.frequency": (0.2, 0.1)}
     assert causes.Cause((one,), 1.0, 5.0).parameters == one.values
+
+
+@pytest.mark.parametrize("level, limits", [
+    (0.0, [-3.0, 3.0]), (0.0, [-np.inf, 2.0]), (5.0, [-1.0, 1.0])])
+def test_a_record_beyond_the_limits_of_the_simulator_shows_that_they_are_wrong(
+        level, limits):
+    y = level + np.random.default_rng(3).standard_normal(2000)
+    own = Found(EFFECTS["saturation"], values=dict(limits=limits))
+    some = [EFFECTS[name] for name in ("saturation", "bias_step", "wrong_parameter")]
+    d = sensorlab.diagnose(y, DT, sensorlab.Simulator(WHITE, ((own,),)), effects=some)
+    assert d.verdict == "wrong_parameter" and d.closure.closed > 0.9
+    assert d.found[0].values["parameter"][0] == "saturation.limits"
+    assert d.found[0].values["factor"][0] == max([y.min(), y.max()] / np.array(limits))
+    after = sensorlab.augmented(d)    # which clips no more where the record does not
+    assert sensorlab.diagnose(y, DT, after, effects=some).verdict == "none"
+
+
+@pytest.mark.large
+def test_a_false_start_is_no_burst_though_bursts_stand_in_for_it():
+    rng = np.random.default_rng(1)
+    y, loud = rng.standard_normal(2000), np.zeros(2000)
+    for burst in (slice(300, 380), slice(900, 960), slice(1500, 1600)):
+        loud[burst] = 2.5
+    y += loud * rng.standard_normal(2000)
+    y[:10] -= 70.0
+    bursts = Found(EFFECTS["noise_bursts"], values=dict(
+        quiet=sensorid.Parameter("quiet", 300.0, 800.0),
+        duration=sensorid.Parameter("duration", 40.0, 150.0),
+        sigma=sensorid.Parameter("sigma", 1.5, 4.0)))
+    d = sensorlab.diagnose(y, DT, sensorlab.Simulator(WHITE_OF_A_RANGE, ((bursts,),)))
+    assert {"pulse", "bias_step"} & {*d.verdict.split("+")}
+    assert "unknown" not in d.verdict and d.after.p_value > 0.01

@@ -30,7 +30,7 @@ def test_a_turn_on_transient_and_its_temperature(real):
 @pytest.mark.large
 def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
     with np.load(real / "adis16405_run1.npz") as z:
-        y = z["accel_counts"][0][:4000] * float(z["accel_lsb"]) * 1e3    # mg
+        y = z["accel_counts"][0][:2000] * float(z["accel_lsb"]) * 1e3    # mg
     d = sensorlab.diagnose(y, 0.01, sensorid.default_hypotheses(y, 0.01))
     lines = [one.values["frequency"][0] for one in d.found
              if one.name in ("sinusoid", "narrow_band_noise")]
@@ -57,15 +57,18 @@ def test_runs_of_one_sensor_differ_by_a_drift_or_not_at_all(real):
 @pytest.mark.large
 def test_two_clusters_of_temperature_are_no_proof_of_it(real):
     with np.load(real / "bmi270_hot_cold.npz") as z:
-        parts = [slice(0, 1000), slice(0, 1000)]
+        parts = [slice(0, 500), slice(0, 500)]
         y = np.concatenate([z[f"{k}_gyro"][1, part].astype(float) for k, part in zip(
             ("hot", "cold"), parts)])
         T = np.concatenate([z[f"{k}_temp"][part].astype(float) for k, part in zip(
             ("hot", "cold"), parts)])
     low, high = words.clusters(T)
     assert low[1] < 14.0 and high[0] > 47.0
+    some = [sensorlab.CATALOGUE[name] for name in (
+        "quantization", "narrow_band_noise", "noise_bursts", "vibration_burst",
+        "bias_step", "temperature", "thermal_lag")]
     d = sensorlab.diagnose(y, 0.02, sensorid.default_hypotheses(y, 0.02),
-                          dict(temperature=T))
+                           dict(temperature=T), effects=some)
     assert any("temperature" in c.effect or "thermal_lag" in c.effect or
                "bias_step" in c.effect for c in d.causes[:4])
     text = words.table(d, sensorlab.Record("r", "gyro", y, 0.02, dict(

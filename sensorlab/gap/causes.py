@@ -1,5 +1,6 @@
 """Which effect: probabilities of all that may be missing, one at a time, Eq. (10)."""
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -90,6 +91,8 @@ class _Rival(NamedTuple):
     account: Account = None    # with the effect in it; a signature has a family instead
     values: dict = {}    # (mean, sd) by symbol
     variant: str = ""
+    chosen: Account = None    # with it, by the filter with jumps, where what stood in
+                              # for these misled
 
 
 LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters, which
@@ -116,49 +119,62 @@ def further_causes(scene, acc, effects, processes=True):
     say("looking for signatures", 4)
     samples = directed(plain, reference, listed)
     rivals = _with_signatures(listed, samples)
-    rivals += _with_filters(scene, *_without_jumps(
-        scene, acc, for_processes(scene, acc, stand_in), (plain, reference)), acc,
-        effects, processes, max([0.0, *(one.log_bayes for one in rivals)]))
+    inside = _Inside(scene, acc, *_without_jumps(
+        scene, acc, for_processes(scene, acc, stand_in), (plain, reference)))
+    rivals += _with_filters(inside, effects, processes,
+                            max([0.0, *(one.log_bayes for one in rivals)]))
     if processes:
         floor = _floor(acc, max([0.0, *(one.log_bayes for one in rivals)]))
         rivals += [rival for effect in effects if effect.factor
                    for wrong in (_with_wrong_parameters, _with_wrong_scale)
                    for rival in wrong(scene, acc, effect, floor)]
     say("weighing", 2)
-    prior, alone, share = _probabilities(acc, rivals)
-    groups = _grouped(rivals, share)
-    total = [share[group].sum() for group in groups]
+    estimated = {}    # number of a family -> its most probable signature
+
+    def signature_of(rival):
+        if rival.family not in estimated:
+            estimated[rival.family] = estimate_signature(
+                plain, reference, listed[rival.family - 1], samples, rival.family)
+        return estimated[rival.family]
+    while True:
+        prior, alone, share = _probabilities(acc, rivals)
+        groups = _grouped(rivals, share)
+        total = [share[group].sum() for group in groups]
+        if alone >= 0.5:
+            chosen = None
+            break
+        number = groups[int(np.argmax(total))][0]
+        best = rivals[number]
+        if not best.family and best.account is None:    # what was told of it sufficed
+            rivals[number:number + 1] = inside.fitted(best.effect, 0.0)
+            continue
+        chosen = best.chosen or _with_best(
+            scene, plain, acc, best, signature_of(best)[0] if best.family else None)
+        gain = chosen.log_evidence - acc.log_evidence
+        cost = search_cost(best.effect, scene)
+        if best.chosen or plain is scene or gain >= max(
+                np.log(len(rivals)) + cost, SEEN * best.log_bayes):
+            break
+        # what stood in for the jumps misled: it is worth what the filter with jumps sees
+        rivals[number] = best._replace(log_bayes=min(best.log_bayes, gain - cost),
+                                       chosen=chosen)
     error = _errors(alone, share, groups, np.array([
         _error(rival, acc, samples) for rival in rivals]))
-    best = rivals[groups[int(np.argmax(total))][0]] if rivals else None
 
-    causes, signature = [Cause((), float(alone), 0.0, error[0])], None
+    causes = [Cause((), float(alone), 0.0, error[0])]
     for group, probability, off in zip(groups, total, error[1:]):
         rival = rivals[group[0]]
-        values, answer = rival.values, None
-        if rival.family and (probability > LISTED_FROM / effort(scene)
-                             or rival is best and alone < 0.5):
-            found, answer = estimate_signature(
-                plain, reference, listed[rival.family - 1], samples, rival.family)
-            values = answer.values
-            signature = found if rival is best else signature
         column = "" if rival.effect.factor else _either(
             [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
-        if answer is None:
-            answer = Found(rival.effect, "", rival.variant, {},
-                           float(share[group[0]] / max(probability, 1e-300)))
-        one = answer._replace(column=column, values=values)
-        causes.append(Cause((one,), float(probability), float(rival.log_bayes), off))
+        if rival.family and (probability > LISTED_FROM / effort(scene)
+                             or rival.family in estimated):
+            one = signature_of(rival)[1]
+        else:
+            one = Found(rival.effect, "", rival.variant, rival.values,
+                        float(share[group[0]] / max(probability, 1e-300)))
+        causes.append(Cause((one._replace(column=column),), float(probability),
+                            float(rival.log_bayes), off))
     causes.sort(key=lambda c: -c.probability)
-    if alone >= 0.5:
-        return Further(tuple(causes), None, prior)
-    chosen = _with_best(scene, plain, acc, best, signature)
-    if plain is not scene and chosen.log_evidence - acc.log_evidence < max(
-            np.log(len(rivals)) + search_cost(best.effect, scene),
-            SEEN * best.log_bayes):
-        # what stood in for the jumps misled: the filter with jumps sees nothing
-        return further_causes(scene, acc, [e for e in effects if e is not best.effect],
-                              processes)
     return Further(tuple(causes), chosen, prior)
 
 
@@ -196,42 +212,68 @@ AT_LEAST = 0.7    # of the best ln B, or of what another screen of the scores te
                   # screen that tells less is good enough
 
 
-def _with_filters(scene, plain, reference, acc, effects, processes, best):
-    """Rivals that are inside the filter: models, if wanted, and jumps; `best` is the
-    largest ln B of all others.
-    """
-    inside = [effect for effect in effects if (
-        effect.jumps or processes and effect.model and not effect.reading)
-        and _has_room(effect, acc)]
-    told, spectra = dict(zip(inside, _told_by_screens(
-        scene, plain, acc, reference, inside))), None
-    most = max((about for effect, about in told.items() if effect.name in SCREENS),
-               default=0.0)
-    # where scores tell much, filters are first: those of a level may do without
-    for effect, about in sorted(told.items(), key=lambda own: (
-            own[0].name not in SCREENS, -np.nan_to_num(own[1]))):
-        start, at = (acc, scene) if effect.jumps else (reference, plain)
-        least, other = (FEW, most) if effect.name in SCREENS else (LITTLE, best)
-        if about < max(least, AT_LEAST * other - MATTERS):
-            yield _Rival(effect, "", about)
-            continue
+class _Inside(NamedTuple):
+    """Where effects inside the filter are sought."""
+
+    scene: object        # Scene
+    acc: Account
+    plain: object        # Scene without jumps
+    reference: Account   # of that
+
+    __repr__ = brief
+
+    def start(self, effect):
+        """The scene and the account that an effect is to join."""
+        return (self.scene, self.acc) if effect.jumps else (self.plain, self.reference)
+
+    def fitted(self, effect, best, spectra=None):
+        """Rivals, one of each variant, that have an effect; `best` is the largest ln B
+        of all others, `spectra` gives the `_spectra` of the account without jumps.
+        """
         say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
+        (scene, start), result = self.start(effect), []
         for variant in effect.variants or ("",):
             richer = [h.with_effect(effect, variant) for h in start.hypotheses]
             if effect.search in ("band", "spectrum"):
-                spectra = spectra or _spectra(at, start)
-                richer, told = _promising(at, start, richer, spectra)
+                richer, told = _promising(scene, start, richer, (
+                    spectra or _spectra)(scene, start))
                 if told < 0.0:
-                    yield _Rival(effect, "", told, variant=variant)
+                    result.append(_Rival(effect, "", told, variant=variant))
                     continue
-            new = account(at, acc.bases, richer, acc.signatures, acc.readings, start,
-                          _floor(start, best))
-            if new.member.steps and _steps(new, at) < FEWEST_STEPS:
+            new = account(scene, self.acc.bases, richer, self.acc.signatures,
+                          self.acc.readings, start, _floor(start, best))
+            if new.member.steps and _steps(new, scene) < FEWEST_STEPS:
                 continue
             best = max(best, _log_bayes(new, start))
-            yield _Rival(effect, "", _log_bayes(new, start), account=new,
-                         values=_values(new.member.effects[-1], new),
-                         variant=variant)
+            result.append(_Rival(effect, "", _log_bayes(new, start), account=new,
+                                 values=_values(new.member.effects[-1], new),
+                                 variant=variant))
+        return result
+
+
+def _with_filters(inside, effects, processes, best):
+    """Rivals that are inside the filter: models, if wanted, and jumps; `best` is the
+    largest ln B of all others.
+    """
+    wanted = [effect for effect in effects if (
+        effect.jumps or processes and effect.model and not effect.reading)
+        and _has_room(effect, inside.acc)]
+    told = dict(zip(wanted, _told_by_screens(*inside, wanted)))
+    most, rivals = 0.0, []    # of those that screens tell of
+    spectra = functools.cache(lambda: _spectra(inside.plain, inside.reference))
+    # where scores tell much, filters are first: those of a level may do without
+    for effect, about in sorted(told.items(), key=lambda own: (
+            own[0].name not in SCREENS, -np.nan_to_num(own[1]))):
+        least, other = (FEW, most) if effect.name in SCREENS else (LITTLE, best)
+        if about < max(least, AT_LEAST * other - MATTERS):
+            rivals.append(_Rival(effect, "", about))
+            continue
+        own = inside.fitted(effect, best, lambda *_: spectra())
+        rivals += own
+        best = max([best, *(one.log_bayes for one in own)])
+        if effect.name in SCREENS:
+            most = best
+    return rivals
 
 
 def _floor(acc, best):
@@ -241,7 +283,7 @@ def _floor(acc, best):
     return acc.log_evidence + max(HOPELESS_NATS, best - MATTERS)
 
 
-def _told_by_screens(scene, plain, acc, reference, effects):
+def _told_by_screens(scene, acc, plain, reference, effects):
     """About ln B of each effect inside the filter; NaN where no screen knows it."""
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     z = seen.z[0, 0]
