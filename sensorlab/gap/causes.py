@@ -155,7 +155,7 @@ def further_causes(scene, acc, effects, processes=True):
         if best.chosen or plain is scene or gain >= max(
                 np.log(len(rivals)) + cost, SEEN * best.log_bayes):
             break
-        # what stood in for the jumps misled: it is worth what the filter with jumps sees
+        # what stood in for the jumps misled: what the filter with jumps sees counts
         rivals[number] = best._replace(log_bayes=min(best.log_bayes, gain - cost),
                                        chosen=chosen)
     error = _errors(alone, share, groups, np.array([

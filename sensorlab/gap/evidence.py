@@ -298,9 +298,9 @@ def _next_law(points, log_weight, effective, found, laws):
 
 
 MAX_CLIMB = 12    # steps
-FAR = 1.0         # standard deviations on average over all axes from where it was taken:
-                  # there a curvature is taken again, which costs d / 4 times as many
-                  # points as a slope
+FAR = 1.0         # standard deviations, on average over all axes, from where it was
+                  # taken: there a curvature is taken again, which costs d / 4 times as
+                  # many points as a slope
 DERIVATIVE_STEP = 1e-2    # in standard deviations of the prior: wide enough to pass
                           # over the roughness that a mixture filter has
 DAMPING = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 13)])
