@@ -545,7 +545,7 @@ def _blurred_spacing(values, step):
     if phase.max(initial=0.0) < CONCENTRATED:
         return 0.0
     lsb = _refined(values, tries[phase.argmax()])
-    # digits move a code, but do not spread it: values in few heaps far apart are on none
+    # digits move a code, they do not spread it: few heaps far apart are no lattice
     code = np.round(values / lsb)
     first, last = (np.searchsorted(code, np.unique(code), side) for side in (
         "left", "right"))
