@@ -129,46 +129,22 @@ def further_causes(scene, acc, effects, processes=True):
                    for wrong in (_with_wrong_parameters, _with_wrong_scale)
                    for rival in wrong(scene, acc, effect, floor)]
     say("weighing", 2)
-    estimated = {}    # number of a family -> its most probable signature
 
-    def signature_of(rival):
-        if rival.family not in estimated:
-            estimated[rival.family] = estimate_signature(
-                plain, reference, listed[rival.family - 1], samples, rival.family)
-        return estimated[rival.family]
-    while True:
-        prior, alone, share = _probabilities(acc, rivals)
-        groups = _grouped(rivals, share)
-        total = [share[group].sum() for group in groups]
-        if alone >= 0.5:
-            chosen = None
-            break
-        number = groups[int(np.argmax(total))][0]
-        best = rivals[number]
-        if not best.family and best.account is None:    # what was told of it sufficed
-            rivals[number:number + 1] = inside.fitted(best.effect, 0.0)
-            continue
-        chosen = best.chosen or _with_best(
-            scene, plain, acc, best, signature_of(best)[0] if best.family else None)
-        gain = chosen.log_evidence - acc.log_evidence
-        cost = search_cost(best.effect, scene)
-        if best.chosen or plain is scene or gain >= max(
-                np.log(len(rivals)) + cost, SEEN * best.log_bayes):
-            break
-        # what stood in for the jumps misled: what the filter with jumps sees counts
-        rivals[number] = best._replace(log_bayes=min(best.log_bayes, gain - cost),
-                                       chosen=chosen)
+    @functools.cache
+    def signature(number):
+        return estimate_signature(plain, reference, listed[number - 1], samples, number)
+    weighed, chosen = _with_best(inside, plain, rivals, signature)
+    prior, alone, share, groups = weighed
     error = _errors(alone, share, groups, np.array([
         _error(rival, acc, samples) for rival in rivals]))
-
     causes = [Cause((), float(alone), 0.0, error[0])]
-    for group, probability, off in zip(groups, total, error[1:]):
-        rival = rivals[group[0]]
+    for group, off in zip(groups, error[1:]):
+        rival, probability = rivals[group[0]], share[group].sum()
         column = "" if rival.effect.factor else _either(
             [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
         if rival.family and (probability > LISTED_FROM / effort(scene)
-                             or rival.family in estimated):
-            one = signature_of(rival)[1]
+                             or chosen and group[0] == weighed.best):
+            _, one = signature(rival.family)
         else:
             one = Found(rival.effect, "", rival.variant, rival.values,
                         float(share[group[0]] / max(probability, 1e-300)))
@@ -212,31 +188,37 @@ AT_LEAST = 0.7    # of the best ln B, or of what another screen of the scores te
                   # screen that tells less is good enough
 
 
-class _Inside(NamedTuple):
-    """Where effects inside the filter are sought."""
-
+class _Sought(NamedTuple):
     scene: object        # Scene
     acc: Account
     plain: object        # Scene without jumps
     reference: Account   # of that
 
+
+class _Inside(_Sought):
+    """Where effects inside the filter are sought."""
+
     __repr__ = brief
+
+    @functools.cached_property    # of several effects
+    def spectra(self):
+        """`_spectra` of the account without jumps."""
+        return _spectra(self.plain, self.reference)
 
     def start(self, effect):
         """The scene and the account that an effect is to join."""
         return (self.scene, self.acc) if effect.jumps else (self.plain, self.reference)
 
-    def fitted(self, effect, best, spectra=None):
+    def fitted(self, effect, best):
         """Rivals, one of each variant, that have an effect; `best` is the largest ln B
-        of all others, `spectra` gives the `_spectra` of the account without jumps.
+        of all others.
         """
         say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
         (scene, start), result = self.start(effect), []
         for variant in effect.variants or ("",):
             richer = [h.with_effect(effect, variant) for h in start.hypotheses]
             if effect.search in ("band", "spectrum"):
-                richer, told = _promising(scene, start, richer, (
-                    spectra or _spectra)(scene, start))
+                richer, told = _promising(scene, start, richer, self.spectra)
                 if told < 0.0:
                     result.append(_Rival(effect, "", told, variant=variant))
                     continue
@@ -259,8 +241,7 @@ def _with_filters(inside, effects, processes, best):
         effect.jumps or processes and effect.model and not effect.reading)
         and _has_room(effect, inside.acc)]
     told = dict(zip(wanted, _told_by_screens(*inside, wanted)))
-    most, rivals = 0.0, []    # of those that screens tell of
-    spectra = functools.cache(lambda: _spectra(inside.plain, inside.reference))
+    most, rivals = 0.0, []    # ln B of those that have a screen
     # where scores tell much, filters are first: those of a level may do without
     for effect, about in sorted(told.items(), key=lambda own: (
             own[0].name not in SCREENS, -np.nan_to_num(own[1]))):
@@ -268,11 +249,12 @@ def _with_filters(inside, effects, processes, best):
         if about < max(least, AT_LEAST * other - MATTERS):
             rivals.append(_Rival(effect, "", about))
             continue
-        own = inside.fitted(effect, best, lambda *_: spectra())
+        own = inside.fitted(effect, best)
         rivals += own
-        best = max([best, *(one.log_bayes for one in own)])
+        here = max((one.log_bayes for one in own), default=0.0)
+        best = max(best, here)
         if effect.name in SCREENS:
-            most = best
+            most = max(most, here)
     return rivals
 
 
@@ -430,11 +412,56 @@ def _either(columns):
                        [*columns[:2], f"{len(columns) - 2} others"])
 
 
-def _with_best(scene, plain, acc, best, signature):
-    """The account with the best effect in it."""
-    if signature is not None:
-        return account(scene, acc.bases, acc.hypotheses, (*acc.signatures, signature),
-                       acc.readings, acc)
+class _Weighed(NamedTuple):
+    """What rivals are worth beside none and beside each other."""
+
+    prior: float         # log odds of any, a priori
+    alone: float         # probability of none
+    share: np.ndarray    # (R,) of each rival
+    groups: list         # of lists of their numbers, by effect, most probable first
+
+    @property
+    def best(self):
+        """Number of the most probable rival of the most probable effect."""
+        return max(self.groups, key=lambda own: self.share[own].sum())[0]
+
+
+def _with_best(inside, plain, rivals, signature):
+    """`_Weighed` of the rivals, and the account with the best in it, or None where none
+    is as probable. What proves to be worth less on the way is so among the rivals, too.
+
+    Signatures were sought in the scene `plain`; `signature` gives that of a family, by
+    its number.
+    """
+    scene, acc = inside.scene, inside.acc
+    while True:
+        prior, alone, share = _probabilities(acc, rivals)
+        weighed = _Weighed(prior, alone, share, _grouped(rivals, share))
+        if alone >= 0.5:
+            return weighed, None
+        number = weighed.best
+        best = rivals[number]
+        if best.chosen:
+            return weighed, best.chosen
+        if not best.family and best.account is None:    # what was told of it sufficed
+            rivals[number:number + 1] = inside.fitted(best.effect, 0.0)
+            continue
+        chosen = _account_with(scene, plain, acc, best, signature)
+        gain, cost = chosen.log_evidence - acc.log_evidence, search_cost(
+            best.effect, scene)
+        if plain is scene or gain >= max(np.log(len(rivals)) + cost,
+                                         SEEN * best.log_bayes):
+            return weighed, chosen
+        # what stood in for the jumps misled: what the filter with jumps sees counts
+        rivals[number] = best._replace(log_bayes=min(best.log_bayes, gain - cost),
+                                       chosen=chosen)
+
+
+def _account_with(scene, plain, acc, best, signature):
+    """The account with a rival in it."""
+    if best.family:
+        return account(scene, acc.bases, acc.hypotheses,
+                       (*acc.signatures, signature(best.family)[0]), acc.readings, acc)
     if plain is not scene and best.effect.model and not best.effect.jumps:
         return account(scene, acc.bases,
                        [h._replace(effects=(*h.effects, own.effects[-1]))
