@@ -528,7 +528,21 @@ def test_a_record_beyond_the_limits_of_the_simulator_shows_that_they_are_wrong(
     assert d.verdict == "wrong_parameter" and d.closure.closed > 0.9
     assert d.found[0].values["parameter"][0] == "saturation.limits"
     assert d.found[0].values["factor"][0] == max([y.min(), y.max()] / np.array(limits))
+    assert "or more" in words.sizes(d.found, "u", DT)
     after = sensorlab.augmented(d)    # which clips no more where the record does not
+    assert sensorlab.diagnose(y, DT, after, effects=some).verdict == "none"
+
+
+def test_a_step_beside_limits_that_are_wrong_is_named_and_the_loop_closes():
+    y = 5.0 + np.random.default_rng(3).standard_normal(2000)
+    y[1000:] += 1.0
+    own = Found(EFFECTS["saturation"], values=dict(limits=[-1.0, 1.0]))
+    some = [EFFECTS[name] for name in ("saturation", "bias_step", "wrong_parameter")]
+    d = sensorlab.diagnose(y, DT, sensorlab.Simulator(WHITE, ((own,),)), effects=some)
+    assert d.verdict == "wrong_parameter+bias_step"
+    assert all(part.stays and part.share > 0.9 for part in d.parts)
+    after = sensorlab.augmented(d)    # with a limit left, beside a step of known size
+    assert after.effects[0][-1].values["limits"] == [-1.0, np.inf]
     assert sensorlab.diagnose(y, DT, after, effects=some).verdict == "none"
 
 

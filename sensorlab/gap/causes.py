@@ -532,6 +532,8 @@ def without(full, acc, found, number):
 def _without_reading(full, acc, one):
     """The account less a reading, or with the simulator's own instead."""
     (gone,) = [r for r in acc.readings if r.found.effect.reading is one.effect.reading]
+    if gone.beyond:    # within limits there is no such record
+        return acc
     readings = tuple(gone.instead if r is gone else r for r in acc.readings
                      if r is not gone or gone.instead)
     own = fixed(**gone.instead.found.values) if gone.instead else {}

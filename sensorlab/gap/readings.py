@@ -30,6 +30,11 @@ class Reading(NamedTuple):
     __repr__ = brief
 
     @property
+    def beyond(self):
+        """Are limits wrong, as the record goes beyond them?"""
+        return bool(self.instead) and "limits" in self.found.values
+
+    @property
     def does_something(self):
         """Does it alter any value?"""
         values = self.found.values
@@ -462,7 +467,7 @@ def without_readings(scene, y, seen):
     y = y.copy()
     for one in seen:
         if "limits" in one.found.values:
-            low, high = np.subtract(one.found.values["limits"], scene.known)
+            low, high = (end - scene.known for end in one.found.values["limits"])
             least = ROUNDING * scene.white
             y[(y <= low + least) | (y >= high - least)] = np.nan
         else:

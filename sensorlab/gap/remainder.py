@@ -49,7 +49,12 @@ def parts(full, path, acc, lesser, closed, before, after, measured):
         share = np.clip(closed.closed, 0.0, 1.0)
         return (Part(float(share), stays_needed(path.found[0].effect, before, after)),)
     out, result = standing_out(before), []
+    beyond = {r.found.effect.reading: r.log_bayes for r in acc.readings if r.beyond}
     for number, one in enumerate(path.found):
+        if one.effect.reading in beyond:    # there is no gap to measure without it
+            result.append(Part(float(np.clip(
+                beyond[one.effect.reading] / path.log_bayes, 0.0, 1.0)), True))
+            continue
         less = lesser.get(number) or without(full, acc, path.found, number)
         gap = measured(less, after, TRIALS_WITHOUT, None)
         share = (gap.rms(out) - after.rms(out)) / (before.rms(out) - 1.0) if (
