@@ -561,3 +561,9 @@ def test_a_false_start_is_no_burst_though_bursts_stand_in_for_it():
     d = sensorlab.diagnose(y, DT, sensorlab.Simulator(WHITE_OF_A_RANGE, ((bursts,),)))
     assert {"pulse", "bias_step"} & {*d.verdict.split("+")}
     assert "unknown" not in d.verdict and d.after.p_value > 0.01
+
+
+def test_a_record_in_another_unit_than_the_simulator_is_refused():
+    y = np.random.default_rng(3).standard_normal(200)
+    with pytest.raises(ValueError, match="9.8e.05 times .* give both in one unit"):
+        sensorlab.diagnose(1e6 * y, DT, WHITE)

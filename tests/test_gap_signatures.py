@@ -259,3 +259,10 @@ def test_peaks_that_stand_out_are_found_among_the_best_of_every_part(samples, sm
     gain = 9.0 * noise - 1e-4 * (np.arange(samples) - 0.3 * samples)**2
     found = onsets._most_prominent(gain)
     assert gain.argmax() in found or samples < 9
+
+
+def test_a_signature_of_which_nothing_is_seen_gains_nothing():
+    found = signatures.least_squares(np.zeros(3), np.zeros((1, 3, 2)),
+                                     np.zeros((1, 3, 2, 2)))
+    assert_allclose(found.gain, 0.0)
+    assert (found.sd > 1e100).all() and np.isfinite(found.size).all()

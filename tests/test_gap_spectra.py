@@ -112,3 +112,11 @@ def test_a_band_at_an_end_of_its_range_and_short_records_are_no_errors():
         scene, h, richer = with_band(n, frequency=0.45, tau=4.0, sigma=0.2)
         _, told = promised(h, richer, scene, np.array([1.0]))
         assert np.isfinite(told)
+
+
+def test_a_band_that_has_all_of_the_power_has_a_finite_gain():
+    frequency, power = np.arange(1.0, 400.0) / 800.0, np.zeros(399)
+    power[200] = 399.0
+    seen = spectra.Spectrum(frequency, power, np.full(399, 1e-20), np.ones(399))
+    gain = spectra._band_gains(seen, 1.0, 400.0, np.array([1.0]))
+    assert np.isfinite(gain).all() and gain[200] == gain.max() > 1e4

@@ -126,6 +126,8 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     full, known, free, bases = _without_known(
         simulator, raw, latent_mean(raw.y, [r.found for r in seen]),
         any("codes" in r.found.values for r in seen))
+    if not free:
+        _check_units(full, bases)
     base = _with_readings(full, bases, free, had)
     alone = distance(full, base, trials, seed)
     own = None if simulated is None else Twins(full, base, simulated, seed)
@@ -348,14 +350,33 @@ PRIOR_NODES = 32    # parameters that stand for a prior
 
 def expected_mean(hypotheses, dt, samples):
     """Root mean square of the means of simulated records, u."""
-    weight, squares = np.full(samples, 1.0 / samples), []
-    for h in hypotheses:
-        free = len(free_columns(h.parameters))
-        u = LatinHypercube(max(free, 1), rng=0).random(PRIOR_NODES if free else 1)
-        squares.append(h.bias_sigma**2 + np.mean([
-            mean_square(weight, *h.filter(dt, theta))
-            for theta in at_quantiles(h.parameters, u[:, :free])]))
-    return float(np.sqrt(np.mean(squares)))
+    weight = np.full(samples, 1.0 / samples)
+    return float(np.sqrt(np.mean([
+        h.bias_sigma**2 + np.mean(_mean_squares(h, dt, weight)) for h in hypotheses])))
+
+
+def _mean_squares(h, dt, weight):
+    """Mean squares (M,) of the weighted sum of the first samples of a hypothesis, less
+    its bias, at parameters that stand for its prior.
+    """
+    free = len(free_columns(h.parameters))
+    u = LatinHypercube(max(free, 1), rng=0).random(PRIOR_NODES if free else 1)
+    return [mean_square(weight, *h.filter(dt, theta))
+            for theta in at_quantiles(h.parameters, u[:, :free])]
+
+
+def _check_units(scene, bases):
+    """Refuse a record and a simulator that cannot be in one unit: no filter of the
+    simulator comes near such a record, and what would be found is a matter of rounding.
+    """
+    weight = np.array([-1.0, 1.0]) / np.sqrt(2.0)
+    most = CATALOGUE["wrong_parameter"].factor    # no parameter is more wrong
+    noise = np.sqrt(max(max(_mean_squares(h, scene.dt, weight)) for h in bases))
+    if scene.white > most * noise and not any(h.has_jumps for h in bases):
+        raise ValueError(
+            f"the noise of the record, {scene.white:.3g} from one sample to the next, "
+            f"is {scene.white / noise:.2g} times the largest that the simulator has, "
+            f"{noise:.3g}: give both in one unit")
 
 
 def _with_readings(full, bases, signatures, read):

@@ -296,7 +296,10 @@ def _root(missed, starts, step, moves):
     zero: C. G. Broyden's method (Math. Comp. 19, 1965), from the best point so far.
     """
     def length(off, metric):
-        square = off @ np.linalg.solve(metric, off)
+        try:
+            square = off @ np.linalg.solve(metric, off)
+        except np.linalg.LinAlgError:    # nothing tells one simulator from another
+            return np.inf
         return np.sqrt(square) if np.isfinite(square) else np.inf    # no such simulator
     best, at_best, metric = min(((at, *missed(at)) for at in starts),
                                 key=lambda one: length(*one[1:]))

@@ -275,7 +275,8 @@ def least_squares(psi, number, J):
     if k == 1:
         J, number = np.maximum(J[..., 0, 0], 1e-300), number[..., 0]
         return Scores(psi, number**2 / J, number / J, 1.0 / np.sqrt(J), 1)
-    J = J + 1e-9 * np.trace(J, axis1=2, axis2=3)[..., None, None] * np.eye(k)
+    trace = np.maximum(np.trace(J, axis1=2, axis2=3), 1e-290)    # none within a gap
+    J = J + 1e-9 * trace[..., None, None] * np.eye(k)
     part = np.linalg.solve(J, number[..., None])[..., 0]
     return Scores(psi, (number * part).sum(-1), np.sqrt((part**2).sum(-1)),
-                  np.sqrt(k / np.trace(J, axis1=2, axis2=3)), k)
+                  np.sqrt(k / trace), k)

@@ -15,7 +15,7 @@ from scipy.stats.qmc import LatinHypercube
 
 from sensorid import at_quantiles, brief, free_columns
 from sensorlab.gap.catalogue import MIN_TURN
-from sensorlab.gap.evidence import climb
+from sensorlab.gap.evidence import NOTHING, climb
 from sensorlab.gap.filters import predict, processes
 from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
 
@@ -134,6 +134,7 @@ TAU_STEP, SIGMA_STEP = 2.5, 2.0    # ratio of one node of a band to the next
 REACH = 12    # half widths of a band to either side of its middle that are looked at
 FINE = 3      # middles tried in a half width
 PARTS = 16    # of a half width, over which the spectrum is averaged
+LEAST_LEFT = 1e-15    # of the power beside a band: less is lost in rounding
 
 
 def _with_law(richer, scene, seen):
@@ -220,8 +221,9 @@ def _gain_bands(first, last, power, density, count, shape, middles, variance, ga
                     product[v] = 1.0
             turn = turn + 1 if turn + 1 < together else 0
         for v in range(len(variance)):
+            left = max(1.0 - less[v] / F, LEAST_LEFT)
             gain[j, v] = -count * (
-                F * np.log(1.0 - less[v] / F) + log_ratio[v] + np.log(product[v]))
+                F * np.log(left) + log_ratio[v] + np.log(product[v]))
 
 
 CANDIDATES = 512    # nodes of the new parameters of which the best are climbed from
@@ -253,7 +255,7 @@ def posterior_law(h, scene, signatures, other, theta, known):
         for column, p in enumerate(h.parameters):
             if isinstance(p, Sought):
                 gain += p.log_ratio(theta[:, column])
-        return gain - 0.5 * (x**2).sum(1)
+        return np.where(np.isfinite(gain), gain, NOTHING) - 0.5 * (x**2).sum(1)
 
     height, modes = log_posterior(starts), []
     for _ in range(CLIMBED if new else 1):
