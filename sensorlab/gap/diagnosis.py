@@ -376,7 +376,7 @@ def _check_units(scene, bases):
         raise ValueError(
             f"the noise of the record, {scene.white:.3g} from one sample to the next, "
             f"is {scene.white / noise:.2g} times the largest that the simulator has, "
-            f"{noise:.3g}: give both in one unit")
+            f"{noise:.3g}: give both in one unit, or the simulator white noise")
 
 
 def _with_readings(full, bases, signatures, read):

@@ -121,8 +121,8 @@ def compared(scene, own, measured):
                 log_bayes=COINCIDENCE * len(scene.y)), WRONG[name]
             had[name], seen[name] = mine, new._replace(
                 instead=mine, factor=new.found.values[symbol] / one.values[symbol])
-        elif not shown and name == "saturation" and _beyond(scene, one):
-            seen[name] = _beyond(scene, one)._replace(instead=mine)
+        elif not shown and name == "saturation" and (wider := _beyond(scene, one)):
+            seen[name] = wider._replace(instead=mine)
         elif not shown and name != "stuck":
             had[name] = seen[name] = mine
     return tuple(had.values()), tuple(seen.values())
@@ -155,7 +155,7 @@ def _would_show(scene, one):
 
 def _beyond(scene, one):
     """The `Reading` without those limits of a simulator that the record of a scene
-    shows to be too narrow, and by which factor at least; None if it shows none.
+    lies beyond, and by which factor at least they are wrong; None if it keeps within.
     """
     limits = np.array(one.values["limits"])
     ends = np.array([np.nanmin(scene.y), np.nanmax(scene.y)])
@@ -164,7 +164,7 @@ def _beyond(scene, one):
         return None
     beyond = np.sum((scene.y < limits[0]) & over[0] | (scene.y > limits[1]) & over[1])
     with np.errstate(divide="ignore"):
-        factor = np.max(ends[over] / limits[over])
+        factor = np.max(np.abs(ends[over] / limits[over]))
     wider = np.where(over, [-np.inf, np.inf], limits).tolist()
     return Reading(one._replace(values=dict(limits=wider)), COINCIDENCE * float(beyond),
                    np.zeros(len(scene.y), bool), False, factor=float(factor))
