@@ -447,14 +447,16 @@ def _with_best(inside, plain, rivals, signature):
             rivals[number:number + 1] = inside.fitted(best.effect, 0.0)
             continue
         chosen = _account_with(scene, plain, acc, best, signature)
-        gain, cost = chosen.log_evidence - acc.log_evidence, search_cost(
-            best.effect, scene)
-        if plain is scene or gain >= max(np.log(len(rivals)) + cost,
-                                         SEEN * best.log_bayes):
+        gain = chosen.log_evidence - acc.log_evidence
+        if plain is scene or gain >= max(
+                np.log(len(rivals)) + search_cost(best.effect, scene),
+                SEEN * best.log_bayes):
             return weighed, chosen
-        # what stood in for the jumps misled: what the filter with jumps sees counts
-        rivals[number] = best._replace(log_bayes=min(best.log_bayes, gain - cost),
-                                       chosen=chosen)
+        # what stood in for the jumps misled: what the filter with jumps sees counts, of
+        # one signature less what the best of all gains by chance
+        searched = len(best.effect.parameters(scene)) if best.effect.columns else 0
+        rivals[number] = best._replace(chosen=chosen, log_bayes=min(
+            best.log_bayes, gain - searched * np.log(len(scene.y))))
 
 
 def _account_with(scene, plain, acc, best, signature):
