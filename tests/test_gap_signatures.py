@@ -128,7 +128,7 @@ def test_gain_of_waves_is_about_that_of_least_squares(effect, envelope):
 def test_what_matters_is_exact_at_every_node(effect):
     t = np.arange(600.0)
     y = sensorid.simulate(MODEL[1:], DT, 600, seed=4).error[0] + dict(
-        bias_step=2.5 * (t > 333.0), pulse=3.0 * ((t > 200.0) & (t < 240.0)),
+        bias_step=2.8 * (t > 333.0), pulse=3.0 * ((t > 200.0) & (t < 240.0)),
         gradual_step=-8.0 * np.expm1(-np.maximum(t - 250.0, 0.0) / 30.0),
         sinusoid=0.5 * np.sin(0.7 * t), ringing=(t > 300.0) * np.exp(
             (300.0 - t) / 20.0) * 5.0 * np.sin(0.5 * t),

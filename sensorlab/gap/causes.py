@@ -119,8 +119,9 @@ def further_causes(scene, acc, effects, processes=True):
     say("looking for signatures", 4)
     samples = directed(plain, reference, listed)
     rivals = _with_signatures(listed, samples)
-    inside = _Inside(scene, acc, *_without_jumps(
-        scene, acc, for_processes(scene, acc, stand_in), (plain, reference)))
+    without, like = _without_jumps(
+        scene, acc, for_processes(scene, acc, stand_in), (plain, reference))
+    inside = _Inside(scene, without, acc, like)
     rivals += _with_filters(inside, effects, processes,
                             max([0.0, *(one.log_bayes for one in rivals)]))
     if processes:
@@ -190,9 +191,9 @@ AT_LEAST = 0.7    # of the best ln B, or of what another screen of the scores te
 
 class _Sought(NamedTuple):
     scene: object        # Scene
-    acc: Account
     plain: object        # Scene without jumps
-    reference: Account   # of that
+    acc: Account
+    reference: Account   # of the scene without jumps
 
 
 class _Inside(_Sought):
@@ -265,7 +266,7 @@ def _floor(acc, best):
     return acc.log_evidence + max(HOPELESS_NATS, best - MATTERS)
 
 
-def _told_by_screens(scene, acc, plain, reference, effects):
+def _told_by_screens(scene, plain, acc, reference, effects):
     """About ln B of each effect inside the filter; NaN where no screen knows it."""
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     z = seen.z[0, 0]

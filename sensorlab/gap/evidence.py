@@ -321,7 +321,7 @@ def climb(log_posterior, x, flat=()):
         return log_posterior(whole)
 
     def is_far():
-        return np.mean(width * (axes.T @ (x - taken))**2) > FAR**2
+        return np.sum(width * (axes.T @ (x - taken))**2) > len(x) * FAR**2
     x = start[moves]
     taken, (height, slope, width, axes) = x, _curvature(heights_at, x)
     for step in range(MAX_CLIMB):
