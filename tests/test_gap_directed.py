@@ -5,10 +5,11 @@ the filters they spare.
 import generator
 import numpy as np
 import pytest
-from conftest import DT, MODEL, member, scene_of
+from conftest import DT, MODEL, WHITE_OF_A_RANGE, member, scene_of
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
+import sensorlab
 from sensorlab import CATALOGUE, Scene
 from sensorlab.gap import (
     causes, directed, evidence, filters, scans, screens, signatures)
@@ -149,3 +150,16 @@ def test_a_few_outliers_in_a_long_record_pass_their_screen():
 def test_a_screen_knows_no_other_effect():
     scene = Scene(np.zeros(100), DT, {})
     assert np.isnan(screens.screened(CATALOGUE["bandwidth"], scene, scene.y, 1.0))
+
+
+def test_what_was_only_told_is_fitted_before_it_is_named(monkeypatch):
+    def told(*where, own=causes._told_by_screens):
+        much = dict(outliers=30.0, noise_bursts=28.0)
+        for effect, about in zip(where[-1], own(*where)):
+            yield much.get(effect.name, about)
+    monkeypatch.setattr(causes, "_told_by_screens", told)
+    monkeypatch.setattr(causes, "FEW", 29.0)    # so that bursts are told of alone
+    y = np.random.default_rng(1).standard_normal(600)
+    d = sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE)
+    assert d.verdict == "none"
+    assert max(c.log_bayes for c in d.causes if "noise_bursts" in c.effects) < 2.0

@@ -210,9 +210,9 @@ class _Inside(_Sought):
         """The scene and the account that an effect is to join."""
         return (self.scene, self.acc) if effect.jumps else (self.plain, self.reference)
 
-    def fitted(self, effect, best):
+    def fitted(self, effect, best, least=0.0):
         """Rivals, one of each variant, that have an effect; `best` is the largest ln B
-        of all others.
+        of all others, `least` that by a spectrum which is worth a filter.
         """
         say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
         (scene, start), result = self.start(effect), []
@@ -220,7 +220,7 @@ class _Inside(_Sought):
             richer = [h.with_effect(effect, variant) for h in start.hypotheses]
             if effect.search in ("band", "spectrum"):
                 richer, told = _promising(scene, start, richer, self.spectra)
-                if told < 0.0:
+                if told < least:
                     result.append(_Rival(effect, "", told, variant=variant))
                     continue
             new = account(scene, self.acc.bases, richer, self.acc.signatures,
@@ -440,12 +440,12 @@ def _with_best(inside, plain, rivals, signature):
         weighed = _Weighed(prior, alone, share, _grouped(rivals, share))
         if alone >= 0.5:
             return weighed, None
-        number = weighed.best
-        best = rivals[number]
+        best = rivals[weighed.best]
         if best.chosen:
             return weighed, best.chosen
         if not best.family and best.account is None:    # what was told of it sufficed
-            rivals[number:number + 1] = inside.fitted(best.effect, 0.0)
+            rivals[:] = [one for one in rivals if one.effect is not best.effect]
+            rivals += inside.fitted(best.effect, 0.0, -np.inf)
             continue
         chosen = _account_with(scene, plain, acc, best, signature)
         gain = chosen.log_evidence - acc.log_evidence
@@ -456,7 +456,7 @@ def _with_best(inside, plain, rivals, signature):
         # what stood in for the jumps misled: what the filter with jumps sees counts, of
         # one signature less what the best of all gains by chance
         searched = len(best.effect.parameters(scene)) if best.effect.columns else 0
-        rivals[number] = best._replace(chosen=chosen, log_bayes=min(
+        rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=min(
             best.log_bayes, gain - searched * np.log(len(scene.y))))
 
 
