@@ -119,9 +119,9 @@ def further_causes(scene, acc, effects, processes=True):
     say("looking for signatures", 4)
     samples = directed(plain, reference, listed)
     rivals = _with_signatures(listed, samples)
-    without, like = _without_jumps(
+    even, of_even = _without_jumps(
         scene, acc, for_processes(scene, acc, stand_in), (plain, reference))
-    inside = _Inside(scene, without, acc, like)
+    inside = _Inside(scene, even, acc, of_even)
     rivals += _with_filters(inside, effects, processes,
                             max([0.0, *(one.log_bayes for one in rivals)]))
     if processes:
