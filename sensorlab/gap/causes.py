@@ -189,14 +189,14 @@ AT_LEAST = 0.7    # of the best ln B, or of what another screen of the scores te
                   # screen that tells less is good enough
 
 
-class _Sought(NamedTuple):
+class _Where(NamedTuple):
     scene: object        # Scene
     plain: object        # Scene without jumps
     acc: Account
     reference: Account   # of the scene without jumps
 
 
-class _Inside(_Sought):
+class _Inside(_Where):
     """Where effects inside the filter are sought."""
 
     __repr__ = brief

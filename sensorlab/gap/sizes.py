@@ -99,12 +99,12 @@ def values_text(values, unit, column="", dt=None):
             shown = measured(mean, sd)
         parts.append(f"{symbol} {shown} {unit_of(symbol, unit, column)}".rstrip())
         if dt and symbol == "factor":
-            parts.append("or more" if is_of_limits(values) else looks_like(
+            parts.append("or more" if _is_of_limits(values) else looks_like(
                 mean, sd, dt))
     return ", ".join(filter(None, parts))
 
 
-def is_of_limits(values):
+def _is_of_limits(values):
     """Is a wrong parameter of these values a limit, which a record only lies beyond?"""
     name, _ = values.get("parameter", ("", 0.0))
     return name.endswith(".limits")
