@@ -363,6 +363,20 @@ def test_a_coarse_lattice_is_seen_beside_an_effect_that_the_simulator_has():
         "correlated_noise", "quantization"]
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_counts_coarser_than_the_noise_are_told_from_what_lies_beneath(seed):
+    # what rounding adds passes for bursts of noise, in both, if it is not looked at
+    # what records without bursts have
+    rng, t = np.random.default_rng(seed), np.arange(1000)
+    y = np.cumsum(0.05 * rng.standard_normal(1000)) + 0.6 * rng.standard_normal(1000)
+    walk = [sensorid.hypothesis("random_walk", sigma_w=(0.02, 0.1), sigma_v=(0.3, 1.0))]
+    for size, verdict in ((0.0, "quantization"), (0.9, "quantization+sinusoid")):
+        line = size * np.sin(2.0 * np.pi * 0.11 * t)
+        d = sensorlab.diagnose(2.0 * np.round((y + line) / 2.0), DT, walk)
+        assert d.verdict == verdict and d.after.p_value > 0.01
+    assert d.found[1].values["amplitude"][0] == pytest.approx(0.9, abs=0.2)
+
+
 def test_a_diagnosis_does_not_depend_on_the_number_of_threads():
     record = generator.record(500, 1, ["sinusoid"], level=3)
     answers = []

@@ -258,10 +258,29 @@ def markov_and_noise(rng, n=4000, tau=300.0, sigma_m=0.5, sigma_v=0.5):
 def test_the_mean_of_a_clipped_record_is_that_before():
     y = 0.7 + np.random.default_rng(4).standard_normal(10_000)
     for limits in ([-np.inf, 1.0], [0.0, np.inf], [0.5, 1.2]):
-        found = readings.readings(Scene(np.clip(y, *limits), DT, {}))[0].found
-        mean = readings.latent_mean(np.clip(y, *limits), [found])
+        clipped = np.clip(y, *limits)
+        mean = readings.latent_mean(clipped, readings.readings(Scene(clipped, DT, {})))
         assert mean == pytest.approx(0.7, abs=0.05)    # sd 0.01 to 0.014
     assert readings.latent_mean(y, []) is None
+
+
+def test_the_mean_of_a_coarsely_rounded_record_is_that_before():
+    y = 0.7 + np.random.default_rng(4).standard_normal(10_000)
+    for lsb, coarse, opaque in ((1.9, False, False), (3.0, True, False)):
+        rounded = lsb * np.round(y / lsb)
+        (one,) = readings.readings(Scene(rounded, DT, {}))
+        assert (one.coarse, one.opaque) == (coarse, opaque)
+    assert abs(rounded.mean() - 0.7) > 0.05
+    mean = readings.latent_mean(rounded, [one])
+    assert mean == pytest.approx(0.7, abs=0.05)    # sd 0.016
+
+
+def test_of_few_codes_no_end_is_a_limit():
+    rng = np.random.default_rng(3)
+    for k in range(20):    # two codes or three are met
+        y = 5.0 * np.round((rng.uniform(-2.5, 2.5) + rng.standard_normal(2000)) / 5.0)
+        shown = readings.readings(Scene(y, DT, {})) if np.ptp(y) else ()
+        assert "saturation" not in [r.found.name for r in shown]
 
 
 @pytest.mark.parametrize("seed, quantiles", [(1, (0.15, 0.85)), (2, (0.0, 0.7))])

@@ -107,12 +107,16 @@ def test_what_hides_the_rest_is_said():
     y += np.random.default_rng(5).normal(0.0, 0.5, 400)
     h = sensorid.hypothesis("random_walk", sigma_w=(0.1, 0.5), sigma_v=(0.2, 1.0))
     for read, hiding in (
-            (2.0 * np.round(y / 2.0), "counts more than twice as coarse as the noise"),
+            (4.0 * np.round(y / 4.0),
+             "counts more than four times as coarse as the noise"),
             (np.clip(y, *np.quantile(y, [0.1, 0.9])), "so many clipped samples")):
         d = sensorlab.diagnose(read, 1.0, [h])
         assert any(one.startswith(f"{hiding} hide the rest") for one in words.left(d))
-    d = sensorlab.diagnose(0.5 * np.round(y / 0.5), 1.0, [h])
-    assert d.verdict == "quantization" and "hide" not in "".join(words.left(d))
+    for lsb, told in ((0.5, False), (1.4, True)):
+        d = sensorlab.diagnose(lsb * np.round(y / lsb), 1.0, [h])
+        said = "".join(words.left(d))
+        assert d.verdict == "quantization" and "hide" not in said
+        assert ("more than twice as coarse" in said) == told
 
 
 def test_a_gain_of_prediction_is_one_of_its_error():

@@ -356,9 +356,7 @@ def as_simulated(acc, scene, theta, widths=None):
 def _with_numbers(acc, theta, widths, sized):
     """The hypothesis and the effects of `as_simulated` at one theta (p,)."""
     base = acc.bases[acc.best].hypothesis
-    # limits and codes act where the record lies
-    placed = any(not {"limits", "codes"}.isdisjoint(r.found.values)
-                 for r in acc.readings)
+    placed = any(r.placed for r in acc.readings)
     widths = np.zeros(len(theta)) if widths is None else widths
     scaled = acc.member.in_units(theta)
     h = base._replace(bias_sigma=0.0 if placed else base.bias_sigma, parameters=tuple(

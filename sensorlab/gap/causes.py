@@ -105,11 +105,53 @@ SIMPLER = 1.0 / 3.0    # of the prior of an effect that has a simpler one within
                        # "Theory of Probability", 1961)
 
 
-def further_causes(scene, acc, effects, processes=True):
+def further_causes(scene, acc, effects, processes=True, by_chance=None):
     """`Further`: probability of every further effect, Eq. (10), and the best account.
 
-    Without `processes`, for signatures and jumps alone.
+    Without `processes`, for signatures and jumps alone. `by_chance` gives ln B that an
+    effect has where it is not, if that may be more than nothing.
     """
+    inside, plain, reference, listed, samples, rivals = _sought(
+        scene, acc, effects, processes)
+    say("weighing", 2)
+
+    @functools.cache
+    def signature(number):
+        return estimate_signature(plain, reference, listed[number - 1], samples, number)
+    weighed, chosen = _with_best(inside, plain, rivals, signature, by_chance)
+    prior, alone, share, groups = weighed
+    error = _errors(alone, share, groups, np.array([
+        _error(rival, acc, samples) for rival in rivals]))
+    causes = [Cause((), float(alone), 0.0, error[0])]
+    for group, off in zip(groups, error[1:]):
+        rival, probability = rivals[group[0]], share[group].sum()
+        column = "" if rival.effect.factor else _either(
+            [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
+        if rival.family and (probability > LISTED_FROM / effort(scene)
+                             or chosen and group[0] == weighed.best):
+            _, one = signature(rival.family)
+        else:
+            one = Found(rival.effect, "", rival.variant, rival.values,
+                        float(share[group[0]] / max(probability, 1e-300)))
+        causes.append(Cause((one._replace(column=column),), float(probability),
+                            float(rival.log_bayes), off))
+    causes.sort(key=lambda c: -c.probability)
+    return Further(tuple(causes), chosen, prior)
+
+
+class _Sought(NamedTuple):
+    """What was found of further effects."""
+
+    inside: object       # _Inside: where those inside the filter were sought
+    plain: object        # Scene without jumps, where signatures were
+    reference: Account   # of that scene
+    listed: list         # of Family
+    samples: list        # of Sample: their evidence, one of every hypothesis
+    rivals: list         # of _Rival
+
+
+def _sought(scene, acc, effects, processes):
+    """`_Sought` of some effects; see `further_causes`."""
     if acc.member.steps:    # what begins at some time is one more step, or two
         effects = [e for e in effects if not (e.columns and e.search in (
             "onset", "pulse"))]
@@ -129,30 +171,13 @@ def further_causes(scene, acc, effects, processes=True):
         rivals += [rival for effect in effects if effect.factor
                    for wrong in (_with_wrong_parameters, _with_wrong_scale)
                    for rival in wrong(scene, acc, effect, floor)]
-    say("weighing", 2)
+    return _Sought(inside, plain, reference, listed, samples, rivals)
 
-    @functools.cache
-    def signature(number):
-        return estimate_signature(plain, reference, listed[number - 1], samples, number)
-    weighed, chosen = _with_best(inside, plain, rivals, signature)
-    prior, alone, share, groups = weighed
-    error = _errors(alone, share, groups, np.array([
-        _error(rival, acc, samples) for rival in rivals]))
-    causes = [Cause((), float(alone), 0.0, error[0])]
-    for group, off in zip(groups, error[1:]):
-        rival, probability = rivals[group[0]], share[group].sum()
-        column = "" if rival.effect.factor else _either(
-            [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
-        if rival.family and (probability > LISTED_FROM / effort(scene)
-                             or chosen and group[0] == weighed.best):
-            _, one = signature(rival.family)
-        else:
-            one = Found(rival.effect, "", rival.variant, rival.values,
-                        float(share[group[0]] / max(probability, 1e-300)))
-        causes.append(Cause((one._replace(column=column),), float(probability),
-                            float(rival.log_bayes), off))
-    causes.sort(key=lambda c: -c.probability)
-    return Further(tuple(causes), chosen, prior)
+
+def largest_bayes(scene, acc, effect):
+    """Largest ln B of one further effect in any form; 0 if nothing is for it."""
+    return max([0.0, *(one.log_bayes for one in _sought(
+        scene, acc, [effect], True).rivals)])
 
 
 def _without_jumps(scene, acc, stand_in, like=None):
@@ -427,12 +452,12 @@ class _Weighed(NamedTuple):
         return max(self.groups, key=lambda own: self.share[own].sum())[0]
 
 
-def _with_best(inside, plain, rivals, signature):
+def _with_best(inside, plain, rivals, signature, by_chance):
     """`_Weighed` of the rivals, and the account with the best in it, or None where none
     is as probable. What proves to be worth less on the way is so among the rivals, too.
 
     Signatures were sought in the scene `plain`; `signature` gives that of a family, by
-    its number.
+    its number; `by_chance` as for `further_causes`.
     """
     scene, acc = inside.scene, inside.acc
     while True:
@@ -449,15 +474,18 @@ def _with_best(inside, plain, rivals, signature):
             continue
         chosen = _account_with(scene, plain, acc, best, signature)
         gain = chosen.log_evidence - acc.log_evidence
-        if plain is scene or gain >= max(
-                np.log(len(rivals)) + search_cost(best.effect, scene),
-                SEEN * best.log_bayes):
+        worth = best.log_bayes
+        if plain is not scene and gain < max(
+                np.log(len(rivals)) + search_cost(best.effect, scene), SEEN * worth):
+            # what stood in for the jumps misled: what the filter with jumps sees
+            # counts, of one signature less what the best of all gains by chance
+            searched = len(best.effect.parameters(scene)) if best.effect.columns else 0
+            worth = min(worth, gain - searched * np.log(len(scene.y)))
+        if by_chance:
+            worth -= by_chance(best.effect)
+        if worth == best.log_bayes:
             return weighed, chosen
-        # what stood in for the jumps misled: what the filter with jumps sees counts, of
-        # one signature less what the best of all gains by chance
-        searched = len(best.effect.parameters(scene)) if best.effect.columns else 0
-        rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=min(
-            best.log_bayes, gain - searched * np.log(len(scene.y))))
+        rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=worth)
 
 
 def _account_with(scene, plain, acc, best, signature):

@@ -124,8 +124,8 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     had, seen = compared(raw, [one for one in simulator.pairs[0][1]
                                if one.effect.reading], simulated is not None)
     full, known, free, bases = _without_known(
-        simulator, raw, latent_mean(raw.y, [r.found for r in seen]),
-        any("codes" in r.found.values for r in seen))
+        simulator, raw, latent_mean(raw.y, seen),
+        any(r.placed for r in seen))
     if not free:
         _check_units(full, bases)
     base = _with_readings(full, bases, free, had)

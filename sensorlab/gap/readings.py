@@ -7,7 +7,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
-from scipy.special import gammaln, log_ndtr, logsumexp, xlogy
+from scipy.special import gammaln, log_ndtr, logsumexp, ndtr, xlogy
 
 from sensorid import brief
 from sensorlab.gap.catalogue import (
@@ -23,11 +23,17 @@ class Reading(NamedTuple):
     log_bayes: float     # a continuous simulator never repeats a value
     masked: np.ndarray   # (N,) samples that say nothing of the rest
     opaque: bool         # it hides what else there may be
+    coarse: bool = False    # it adds no white noise, but what hangs on the value
     moved: bool = False  # something was added to the record after it was rounded
     instead: "Reading" = None    # of the simulator's own, whose value is wrong
     factor: float = 1.0          # by which it is
 
     __repr__ = brief
+
+    @property
+    def placed(self):
+        """Does what it does hang on where the record lies?"""
+        return self.coarse or not {"limits", "codes"}.isdisjoint(self.found.values)
 
     @property
     def beyond(self):
@@ -45,11 +51,14 @@ class Reading(NamedTuple):
 COINCIDENCE = 23.0    # nats: what one repeated value in double precision is worth,
                       # about ln(1e10 distinguishable values in the noise)
 TAIL = 4              # values next to the last one, of which the fullest counts
+FEWEST_CODES = 4      # of a lattice: how often three are met, a normal law may explain
 COARSE = 0.1          # of the white noise: a finer lattice is how a file was printed
 HIDDEN = 0.05         # of the samples: more clipped ones are not missing at random, as
                       # the filters assume
-HIDING = 2.0          # of the white noise: a coarser lattice adds more than a further
-                      # white noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
+NOISY = 2.0           # of the white noise: what a coarser lattice adds is no white
+                      # noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
+HIDING = 4.0          # of the white noise: of a coarser lattice few codes are met,
+                      # and these for long
 SMOOTH = 1.5          # of the white noise: what a finer lattice adds is white noise to
                       # exp(-2 pi^2 / 1.5^2) = 2e-4 of it (the same)
 
@@ -91,7 +100,8 @@ def readings(scene):
                             COINCIDENCE * float(stuck.sum()), stuck, False))
     if lsb > COARSE * noise:
         seen.append(Reading(_found("quantization", lsb=lsb), COINCIDENCE * N,
-                            np.zeros(N, bool), bool(lsb > HIDING * noise), bool(moved)))
+                            np.zeros(N, bool), bool(lsb > HIDING * noise),
+                            bool(lsb > NOISY * noise), bool(moved)))
         codes, log_bayes = _codes(y[~(clipped | stuck)], lsb)
         if codes and not moved:
             seen.append(Reading(_found("differential_nonlinearity", codes=codes),
@@ -198,7 +208,7 @@ def adds_noise(y, lsb):
     lies on no lattice, or does it hide more?
     """
     _, noise = lattice_and_noise(y)
-    return bool(lsb <= HIDING * _less_rounding(noise, lsb))
+    return bool(lsb <= NOISY * _less_rounding(noise, lsb))
 
 
 def _less_rounding(noise, lsb):
@@ -216,10 +226,12 @@ def misleads(reading, noise):
 
 def _clipped(y, lsb, noise):
     """Limits, infinite where there is none, and the samples (N,) that lie on one: the
-    last value is met far more often than a tail allows.
+    last value is met far more often than a tail allows. Few counts have no tail.
     """
     seen = y[~np.isnan(y)]
     clipped, limits = np.zeros(len(y), bool), []
+    if np.ptp(seen) < (FEWEST_CODES - 1.5) * lsb:
+        return [-np.inf, np.inf], clipped
     for sign in (-1.0, 1.0):
         end = sign * np.max(sign * seen)
         # on a lattice, a few far out may meet on one value: what is next to it counts
@@ -265,28 +277,37 @@ def _piles_up(apart):
     return root[0] - foretold > PILED * np.sqrt(variance * (1.0 + inverse[0, 0]))
 
 
-def latent_mean(y, found):
-    """Mean of a record before it was clipped, if any of the `Found` is a limit, else
-    None: the most likely one if its values are normal (J. Tobin, Econometrica 26,
-    1958).
+def latent_mean(y, seen):
+    """Mean of a record before it was clipped, or rounded to a coarse lattice, if any of
+    the `Reading` does that, else None: the most likely one if its values are normal
+    (J. Tobin, Econometrica 26, 1958).
     """
-    limits = [one.values["limits"] for one in found if "limits" in one.values]
-    if not limits:
+    limits = [r.found.values["limits"] for r in seen if "limits" in r.found.values]
+    coarse = [r.found.values["lsb"] for r in seen if r.coarse]
+    if not limits and not coarse:
         return None
-    ends, seen = limits[0], y[~np.isnan(y)]
-    inside = seen[(seen > ends[0]) & (seen < ends[1])]
-    clipped = [(sign, end, np.sum(sign * (seen - end) >= 0.0))
+    ends, half = (limits or [(-np.inf, np.inf)])[0], 0.5 * (coarse or [0.0])[0]
+    y = y[~np.isnan(y)]
+    inside = y[(y > ends[0]) & (y < ends[1])]
+    clipped = [(sign, end, np.sum(sign * (y - end) >= 0.0))
                for sign, end in zip((-1.0, 1.0), ends) if np.isfinite(end)]
-    start = inside if len(inside) > 1 and np.ptp(inside) else seen
+    start = inside if len(inside) > 1 and np.ptp(inside) else y
+    value, count = np.unique(inside, return_counts=True)
 
     def misfit(at):
         mean, sigma = at[0], np.exp(at[1])
-        z = (inside - mean) / sigma
-        return 0.5 * z @ z + len(inside) * at[1] - sum(
-            count * log_ndtr(sign * (mean - end) / sigma)
-            for sign, end, count in clipped)
+        z = np.abs(value - mean) / sigma
+        if half:
+            law = np.log(ndtr(half / sigma - z) - ndtr(-half / sigma - z) + TINY)
+        else:
+            law = -0.5 * z * z - at[1]
+        return -count @ law - sum(number * log_ndtr(sign * (mean - end) / sigma)
+                                  for sign, end, number in clipped)
     return float(minimize(misfit, [start.mean(), np.log(start.std())],
                           method="Nelder-Mead").x[0])
+
+
+TINY = 1e-300    # a probability that has a logarithm
 
 
 REGULAR = 0.75     # of the samples that a rate repeats are equal, if it is one: which

@@ -2,14 +2,18 @@
 what another effect explains better beside all others is exchanged.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
 
 from sensorid import brief
-from sensorlab.gap.account import Account
-from sensorlab.gap.causes import Cause, further_causes, pushes, search_cost, without
-from sensorlab.gap.distance import Gap
+from sensorlab.gap.account import Account, account, as_simulated
+from sensorlab.gap.causes import (
+    Cause, further_causes, largest_bayes, pushes, search_cost, without)
+from sensorlab.gap.costs import heard_by, say
+from sensorlab.gap.distance import TRIALS, Gap, enough_trials
+from sensorlab.gap.effects import simulate_effects
 from sensorlab.gap.flexible import stays_needed
 from sensorlab.gap.readings import as_read
 
@@ -47,6 +51,7 @@ def search(full, start, readings, effects, before, glanced, shared):
     described, but nothing that is missing.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
+    coarse = any(r.coarse for r in start.readings)
     noises, doubtful, exchanges, left = 0, 0, 0, 0.0
     leaves, after, lesser = {}, before, {}
     if path.found:
@@ -57,12 +62,14 @@ def search(full, start, readings, effects, before, glanced, shared):
         # a process shows in the undirected statistics, if it is there, or in parameters
         # that are at an end of their range in its place; jumps may not
         look = further_causes(scene, acc, effects, not path.found or
-                              after.p_value < LOOK_ON or pushes(acc))
+                              after.p_value < LOOK_ON or pushes(acc),
+                              _by_rounding(full, acc, after.theta) if coarse else None)
         before_it, leaves = leaves, _with_leaves(leaves, path, look)
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])
         if look.account is None:
-            better = exchanges < MAX_EXCHANGES and after.p_value > EXPLAINED and (
+            better = not coarse and exchanges < MAX_EXCHANGES and (
+                after.p_value > EXPLAINED) and (
                 _exchanged(full, acc, path, leaves, lesser, effects, shared))
             if better:
                 leaves = better.leaves
@@ -89,6 +96,33 @@ def search(full, start, readings, effects, before, glanced, shared):
         needed = stays_needed(path.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
     return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left)
+
+
+HELD_AGAINST = 12    # simulated records, fewer for a long record
+THEIR_SEED = 1
+
+
+def _by_rounding(full, acc, theta):
+    """Function that gives the largest ln B of an effect in records of the simulator of
+    an account at theta, which has no such effect: what rounding to counts coarser than
+    the noise adds is no white noise, and may look like one.
+    """
+    simulator = as_simulated(acc, as_read(full, acc.readings), theta)
+    number = HELD_AGAINST * enough_trials(full) // TRIALS
+    drawn = simulate_effects(simulator, full, number, THEIR_SEED).error
+
+    @functools.cache
+    def own(y):
+        scene = as_read(full._replace(y=drawn[y]), acc.readings)
+        return scene, account(scene, acc.bases, acc.hypotheses, acc.signatures,
+                              acc.readings, acc)
+
+    @functools.cache
+    def largest(effect):
+        say(f"looking for {effect.name.replace('_', ' ')} where there is none", 4)
+        with heard_by(None, 0):
+            return max(largest_bayes(*own(y), effect) for y in range(number))
+    return largest
 
 
 def narrowed(full, done, names, glanced):

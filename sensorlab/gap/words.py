@@ -223,9 +223,13 @@ def left(d):
     for r in d.final.readings:
         if r.opaque:
             hiding = ("so many clipped samples" if "limits" in r.found.values else
-                      "counts more than twice as coarse as the noise")
+                      "counts more than four times as coarse as the noise")
             yield (f"{hiding} hide the rest: other effects were not looked for, nor "
                    "was it judged whether what is left is one")
+        elif r.coarse:
+            yield ("counts are more than twice as coarse as the noise: beside them an "
+                   "effect is named only if more speaks for it than in any of some "
+                   "simulated records without it")
     if "unknown" in d.verdict:
         yield f"what is left fits no effect of the catalogue: {look_at(d)}"
         doubtful = [one.name for one, part in zip(d.found, d.parts) if not part.stays]
