@@ -111,7 +111,8 @@ def test_spectra_tell_about_what_the_filters_of_a_process_tell(name, size):
     full = account(scene, base.bases, [h.with_effect(CATALOGUE[name])
                                        for h in base.hypotheses], past=base)
     exact = full.log_evidence - base.log_evidence
-    (about,) = causes._told_by_screens(scene, scene, base, base, [CATALOGUE[name]])
+    (about,) = causes._told_by_screens(
+        causes._Inside(scene, scene, base, base), [CATALOGUE[name]])
     assert (exact > 3.0) == (size > 0.0)
     assert_allclose(about, exact, atol=1.0 + 0.1 * abs(exact))
 
@@ -130,7 +131,8 @@ def test_what_is_weak_in_a_long_record_passes_its_screen(name):
     base = account(scene, [h])
     full = account(scene, [h], [h.with_effect(CATALOGUE[name])], past=base)
     exact = full.log_evidence - base.log_evidence
-    (about,) = causes._told_by_screens(scene, scene, base, base, [CATALOGUE[name]])
+    (about,) = causes._told_by_screens(
+        causes._Inside(scene, scene, base, base), [CATALOGUE[name]])
     assert exact > 8.0
     assert about > causes.AT_LEAST * exact
 

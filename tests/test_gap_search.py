@@ -27,7 +27,7 @@ def exchanged(monkeypatch, **beside_the_step):
         cause(*(() if name == "none" else (name,)), probability=p, log_bayes=10.0)
         for name, p in beside_the_step.items()), key=lambda c: -c.probability)), best,
         0.0)
-    monkeypatch.setattr(search, "further_causes", lambda *_: look)
+    monkeypatch.setattr(search, "further_causes", lambda *_, **__: look)
     path = cause("temperature", "bias_step", probability=0.9, log_bayes=30.0)
     leaves = {one.effect: one for one in (
         path._replace(probability=0.8),

@@ -91,8 +91,9 @@ class _Rival(NamedTuple):
     account: Account = None    # with the effect in it; a signature has a family instead
     values: dict = {}    # (mean, sd) by symbol
     variant: str = ""
-    chosen: Account = None    # with it, by the filter with jumps, where what stood in
-                              # for these misled
+    stood_in: float = 0.0     # ln B beside what stands in for jumps, where it is held
+                              # against the filter with jumps
+    chosen: Account = None    # with it, by that filter, where what stood in misled
 
 
 LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters, which
@@ -105,14 +106,16 @@ SIMPLER = 1.0 / 3.0    # of the prior of an effect that has a simpler one within
                        # "Theory of Probability", 1961)
 
 
-def further_causes(scene, acc, effects, processes=True, by_chance=None):
+def further_causes(scene, acc, effects, processes=True, by_chance=None,
+                   known=("", 0.0)):
     """`Further`: probability of every further effect, Eq. (10), and the best account.
 
     Without `processes`, for signatures and jumps alone. `by_chance` gives ln B that an
-    effect has where it is not, if that may be more than nothing.
+    effect has where it is not, if that may be more than nothing; `known` is the name of
+    an effect of which ln B is known, and that.
     """
     inside, plain, reference, listed, samples, rivals = _sought(
-        scene, acc, effects, processes)
+        scene, acc, effects, processes, known)
     say("weighing", 2)
 
     @functools.cache
@@ -150,7 +153,7 @@ class _Sought(NamedTuple):
     rivals: list         # of _Rival
 
 
-def _sought(scene, acc, effects, processes):
+def _sought(scene, acc, effects, processes=True, known=("", 0.0)):
     """`_Sought` of some effects; see `further_causes`."""
     if acc.member.steps:    # what begins at some time is one more step, or two
         effects = [e for e in effects if not (e.columns and e.search in (
@@ -164,10 +167,11 @@ def _sought(scene, acc, effects, processes):
     even, of_even = _without_jumps(
         scene, acc, for_processes(scene, acc, stand_in), (plain, reference))
     inside = _Inside(scene, even, acc, of_even)
-    rivals += _with_filters(inside, effects, processes,
-                            max([0.0, *(one.log_bayes for one in rivals)]))
+    name, best = known
+    rivals += _with_filters(inside, effects, processes, max(
+        [best, *(one.log_bayes for one in rivals)]), name)
     if processes:
-        floor = _floor(acc, max([0.0, *(one.log_bayes for one in rivals)]))
+        floor = _floor(acc, max([best, *(one.log_bayes for one in rivals)]))
         rivals += [rival for effect in effects if effect.factor
                    for wrong in (_with_wrong_parameters, _with_wrong_scale)
                    for rival in wrong(scene, acc, effect, floor)]
@@ -176,8 +180,7 @@ def _sought(scene, acc, effects, processes):
 
 def largest_bayes(scene, acc, effect):
     """Largest ln B of one further effect in any form; 0 if nothing is for it."""
-    return max([0.0, *(one.log_bayes for one in _sought(
-        scene, acc, [effect], True).rivals)])
+    return max([0.0, *(one.log_bayes for one in _sought(scene, acc, [effect]).rivals)])
 
 
 def _without_jumps(scene, acc, stand_in, like=None):
@@ -210,6 +213,7 @@ def _with_signatures(listed, samples):
 
 
 MATTERS = 4.0    # nats below the best rival: what lies lower need not be known well
+BY_SPECTRA = "band", "spectrum"    # how an effect inside the filter may be sought
 AT_LEAST = 0.7    # of the best ln B, or of what another screen of the scores tells: a
                   # screen that tells less is good enough
 
@@ -231,9 +235,48 @@ class _Inside(_Where):
         """`_spectra` of the account without jumps."""
         return _spectra(self.plain, self.reference)
 
+    @functools.cached_property
+    def _known(self):
+        """What `promised` has given."""
+        return {}
+
     def start(self, effect):
         """The scene and the account that an effect is to join."""
         return (self.scene, self.acc) if effect.jumps else (self.plain, self.reference)
+
+    def stands_in(self, effect):
+        """Does something stand in for jumps where an effect is sought?"""
+        return self.plain is not self.scene and bool(effect.model) and (
+            not effect.jumps)
+
+    def beside_jumps(self, rival):
+        """About ln B of a rival by the filter with jumps: as this gains where the fit
+        is that beside what stands in for these.
+        """
+        new, acc = rival.account, self.acc
+        number = new.best
+        h, theta = _beside_jumps(acc, new)[number], dict(zip(
+            acc.hypotheses[number].keys, acc.samples[number].likeliest))
+        theta.update(zip(new.member.keys, new.sample.likeliest))
+        at = np.array([theta.get(key, p.low) for key, p in zip(h.keys, h.parameters)])
+        (real,) = log_likelihoods(h, self.scene, acc.signatures, at[None])
+        return rival.log_bayes + float(real - acc.peak) - (
+            new.peak - self.reference.peak)
+
+    def promised(self, effect):
+        """(variant, hypotheses with an effect in it, about ln B) of each variant; NaN
+        if its spectrum tells nothing.
+        """
+        if effect.name not in self._known:
+            scene, start = self.start(effect)
+            every = [(variant, [h.with_effect(effect, variant)
+                                for h in start.hypotheses])
+                     for variant in effect.variants or ("",)]
+            self._known[effect.name] = [(variant, *(
+                _promising(scene, start, richer, self.spectra)
+                if effect.search in BY_SPECTRA else (richer, np.nan)))
+                for variant, richer in every]
+        return self._known[effect.name]
 
     def fitted(self, effect, best, least=0.0):
         """Rivals, one of each variant, that have an effect; `best` is the largest ln B
@@ -241,13 +284,10 @@ class _Inside(_Where):
         """
         say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
         (scene, start), result = self.start(effect), []
-        for variant in effect.variants or ("",):
-            richer = [h.with_effect(effect, variant) for h in start.hypotheses]
-            if effect.search in ("band", "spectrum"):
-                richer, told = _promising(scene, start, richer, self.spectra)
-                if told < least:
-                    result.append(_Rival(effect, "", told, variant=variant))
-                    continue
+        for variant, richer, told in self.promised(effect):
+            if told < least:
+                result.append(_Rival(effect, "", told, variant=variant))
+                continue
             new = account(scene, self.acc.bases, richer, self.acc.signatures,
                           self.acc.readings, start, _floor(start, best))
             if new.member.steps and _steps(new, scene) < FEWEST_STEPS:
@@ -259,20 +299,23 @@ class _Inside(_Where):
         return result
 
 
-def _with_filters(inside, effects, processes, best):
+def _with_filters(inside, effects, processes, best, surely):
     """Rivals that are inside the filter: models, if wanted, and jumps; `best` is the
-    largest ln B of all others.
+    largest ln B of all others, and of the one of the name `surely`, if it is known.
     """
     wanted = [effect for effect in effects if (
         effect.jumps or processes and effect.model and not effect.reading)
         and _has_room(effect, inside.acc)]
-    told = dict(zip(wanted, _told_by_screens(*inside, wanted)))
+    told = dict(zip(wanted, _told_by_screens(inside, wanted)))
     most, rivals = 0.0, []    # ln B of those that have a screen
-    # where scores tell much, filters are first: those of a level may do without
+    # where scores tell much, filters are first; else those of which much is told:
+    # others may do without
     for effect, about in sorted(told.items(), key=lambda own: (
             own[0].name not in SCREENS, -np.nan_to_num(own[1]))):
         least, other = (FEW, most) if effect.name in SCREENS else (LITTLE, best)
-        if about < max(least, AT_LEAST * other - MATTERS):
+        if effect.search in BY_SPECTRA:    # in bands, these tell too little of a line
+            least, other = 0.0, 0.0
+        if about < max(least, AT_LEAST * other - MATTERS) and effect.name != surely:
             rivals.append(_Rival(effect, "", about))
             continue
         own = inside.fitted(effect, best)
@@ -291,8 +334,9 @@ def _floor(acc, best):
     return acc.log_evidence + max(HOPELESS_NATS, best - MATTERS)
 
 
-def _told_by_screens(scene, plain, acc, reference, effects):
+def _told_by_screens(inside, effects):
     """About ln B of each effect inside the filter; NaN where no screen knows it."""
+    scene, plain, acc, reference = inside
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     z = seen.z[0, 0]
     variance = usual_variance(z, seen.log_score[0, 0])
@@ -305,6 +349,8 @@ def _told_by_screens(scene, plain, acc, reference, effects):
                                       acc.theta), _told_by_spectra(effect, scene, acc))
         elif effect.model and not effect.search:
             yield _told_by_spectra(effect, plain, reference)
+        elif effect.search in BY_SPECTRA:
+            yield max(told for *_, told in inside.promised(effect))
         else:
             yield screened(effect, scene, z, variance)
 
@@ -463,18 +509,29 @@ def _with_best(inside, plain, rivals, signature, by_chance):
     while True:
         prior, alone, share = _probabilities(acc, rivals)
         weighed = _Weighed(prior, alone, share, _grouped(rivals, share))
-        if alone >= 0.5:
-            return weighed, None
-        best = rivals[weighed.best]
+        if alone < 0.5:
+            number = weighed.best
+        else:    # before nothing is added, what was told less by a glance is fitted
+            number = max((k for k, one in enumerate(rivals)
+                          if one.stood_in and not one.chosen),
+                         key=lambda k: rivals[k].stood_in, default=None)
+            if number is None:
+                return weighed, None
+        best = rivals[number]
         if best.chosen:
             return weighed, best.chosen
         if not best.family and best.account is None:    # what was told of it sufficed
             rivals[:] = [one for one in rivals if one.effect is not best.effect]
             rivals += inside.fitted(best.effect, 0.0, -np.inf)
             continue
+        if not best.stood_in and best.account and inside.stands_in(best.effect):
+            about = inside.beside_jumps(best) + MATTERS    # the fit may move
+            rivals[number] = best._replace(log_bayes=min(best.log_bayes, about),
+                                           stood_in=best.log_bayes)
+            continue
         chosen = _account_with(scene, plain, acc, best, signature)
         gain = chosen.log_evidence - acc.log_evidence
-        worth = best.log_bayes
+        worth = best.stood_in or best.log_bayes
         if plain is not scene and gain < max(
                 np.log(len(rivals)) + search_cost(best.effect, scene), SEEN * worth):
             # what stood in for the jumps misled: what the filter with jumps sees
@@ -485,7 +542,7 @@ def _with_best(inside, plain, rivals, signature, by_chance):
             worth -= by_chance(best.effect)
         if worth == best.log_bayes:
             return weighed, chosen
-        rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=worth)
+        rivals[number] = best._replace(chosen=chosen, log_bayes=worth)
 
 
 def _account_with(scene, plain, acc, best, signature):
@@ -494,11 +551,17 @@ def _account_with(scene, plain, acc, best, signature):
         return account(scene, acc.bases, acc.hypotheses,
                        (*acc.signatures, signature(best.family)[0]), acc.readings, acc)
     if plain is not scene and best.effect.model and not best.effect.jumps:
-        return account(scene, acc.bases,
-                       [h._replace(effects=(*h.effects, own.effects[-1]))
-                        for h, own in zip(acc.hypotheses, best.account.hypotheses)],
+        return account(scene, acc.bases, _beside_jumps(acc, best.account),
                        acc.signatures, acc.readings, acc)
     return best.account
+
+
+def _beside_jumps(acc, new):
+    """Hypotheses of an account with jumps and the last effect of another, where
+    something stands in for these.
+    """
+    return [h._replace(effects=(*h.effects, own.effects[-1]))
+            for h, own in zip(acc.hypotheses, new.hypotheses)]
 
 
 def estimated_together(full, acc, path):
@@ -536,8 +599,10 @@ def _inside(acc, found, number):
     return [one for one in acc.member.effects if one.name == name][-1 - later]
 
 
-def without(full, acc, found, number):
-    """The account less effect `number` of those found, fitted again."""
+def without(full, acc, found, number, floor=-np.inf):
+    """The account less effect `number` of those found, fitted again; `floor` as for
+    `account`.
+    """
     one = found[number]
     hypotheses, signatures = acc.hypotheses, acc.signatures
     if one.effect.reading:
@@ -557,7 +622,7 @@ def without(full, acc, found, number):
         hypotheses = [h._replace(effects=tuple(
             e for e in h.effects if e.key != key)) for h in hypotheses]
     return account(as_read(full, acc.readings), acc.bases, hypotheses, signatures,
-                   acc.readings, acc)
+                   acc.readings, acc, floor)
 
 
 def _without_reading(full, acc, one):

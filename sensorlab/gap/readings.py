@@ -101,7 +101,7 @@ def readings(scene):
     if lsb > COARSE * noise:
         seen.append(Reading(_found("quantization", lsb=lsb), COINCIDENCE * N,
                             np.zeros(N, bool), bool(lsb > HIDING * noise),
-                            bool(lsb > NOISY * noise), bool(moved)))
+                            bool(NOISY * noise < lsb <= HIDING * noise), bool(moved)))
         codes, log_bayes = _codes(y[~(clipped | stuck)], lsb)
         if codes and not moved:
             seen.append(Reading(_found("differential_nonlinearity", codes=codes),

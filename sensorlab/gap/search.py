@@ -14,6 +14,7 @@ from sensorlab.gap.causes import (
 from sensorlab.gap.costs import heard_by, say
 from sensorlab.gap.distance import TRIALS, Gap, enough_trials
 from sensorlab.gap.effects import simulate_effects
+from sensorlab.gap.evidence import HOPELESS_NATS
 from sensorlab.gap.flexible import stays_needed
 from sensorlab.gap.readings import as_read
 
@@ -64,24 +65,24 @@ def search(full, start, readings, effects, before, glanced, shared):
         look = further_causes(scene, acc, effects, not path.found or
                               after.p_value < LOOK_ON or pushes(acc),
                               _by_rounding(full, acc, after.theta) if coarse else None)
-        before_it, leaves = leaves, _with_leaves(leaves, path, look)
+        others, leaves = leaves, _with_leaves(leaves, path, look)
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])
         if look.account is None:
             better = not coarse and exchanges < MAX_EXCHANGES and (
                 after.p_value > EXPLAINED) and (
                 _exchanged(full, acc, path, leaves, lesser, effects, shared))
+            before_it = acc
             if better:
-                leaves = better.leaves
-            if not better or better.account is acc:
+                acc, lesser, path, leaves = better
+            if acc is before_it:
                 return Search(acc, lesser, path, leaves, after, left)
-            acc, lesser, path, exchanges = better.account, better.lesser, better.path, (
-                exchanges + 1)
+            exchanges += 1
             after = glanced(acc, after)
             continue
         (one,) = found[0].found
         if shared(one, look.account, scene):
-            acc, leaves, lesser = look.account, before_it, {}
+            acc, leaves, lesser = look.account, others, {}
             if one.effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
                                                *acc.signatures[:-1]))
@@ -135,11 +136,11 @@ def narrowed(full, done, names, glanced):
     return Search(acc, lesser, path, {path.effect: path}, glanced(acc), done.left)
 
 
-def _less(full, acc, lesser, path, number):
+def _less(full, acc, lesser, path, number, floor=-np.inf):
     """An account and a path without effect `number` of those found; `lesser` as in
-    `Search`.
+    `Search`, `floor` as for `account`.
     """
-    less = lesser.get(number) or without(full, acc, path.found, number)
+    less = lesser.get(number) or without(full, acc, path.found, number, floor)
     return less, path._replace(
         found=path.found[:number] + path.found[number + 1:],
         log_bayes=path.log_bayes + less.log_evidence - acc.log_evidence)
@@ -153,15 +154,15 @@ def _without_needless(full, acc, path, leaves, prior):
     for number, one in reversed(list(enumerate(path.found[:-1]))):
         if one.effect.reading:
             continue
-        less, rest = _less(full, acc, {}, path, number)
-        log_odds = (acc.log_evidence - less.log_evidence + prior
-                    - search_cost(one.effect, full))
+        even = acc.log_evidence + prior - search_cost(one.effect, full)
+        less, rest = _less(full, acc, {}, path, number, even)
+        log_odds = even - less.log_evidence
         if log_odds < 0.0:
             kept = 1.0 / (1.0 + np.exp(-log_odds))
             leaves = {**leaves, path.effect: scaled(path, kept, 0.0)}
             acc, path, lesser = less, scaled(rest, 1.0 - kept, 0.0), {}
             leaves.pop(path.effect, None)
-        else:
+        elif log_odds < HOPELESS_NATS:    # it is known well
             lesser[number] = less
     return acc, lesser, path, leaves
 
@@ -183,13 +184,16 @@ def _exchanged(full, acc, path, leaves, lesser, effects, shared):
     """`_Exchanged`: is another effect, beside all others, more probable than one that
     was found before the last? What may as well stand in its place is among the leaves.
     """
-    asked = sorted((
-        (number, *_less(full, acc, lesser, path, number))
-        for number, one in enumerate(path.found[:-1]) if not one.effect.reading),
-        key=lambda own: -own[1].log_evidence)
+    every = {number: _less(full, acc, lesser, path, number)
+             for number, one in enumerate(path.found[:-1]) if not one.effect.reading}
+    lesser = {**lesser, **{number: less for number, (less, _) in every.items()}}
+    asked = sorted(every, key=lambda number: -lesser[number].log_evidence)
     scene, leaf, before = as_read(full, acc.readings), leaves[path.effect], leaves
-    for number, less, rest in asked[:MAX_ASKED]:
-        look, name = further_causes(scene, less, effects), path.found[number].name
+    for number in asked[:MAX_ASKED]:
+        less, rest = every[number]
+        name = path.found[number].name
+        look = further_causes(scene, less, effects, known=(
+            name, acc.log_evidence - less.log_evidence))
         here = sum(c.probability for c in look.causes if c.effect == name)
         if here < COMPARABLE:
             continue
