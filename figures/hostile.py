@@ -121,12 +121,18 @@ def late(rng):
     return y, 1.0, simulator(), dict(rate=rate)
 
 
-def counts(rng):
-    lsb = 0.8
-    return lsb * np.round(record(rng, sigma_v=0.5, sigma_w=0.05) / lsb), 1.0, [
-        sensorid.hypothesis(h.name, bias_sigma=1.0, **{
-            p.symbol: 0.5 if p.symbol == "sigma_v" else (p.low, p.high)
-            for p in h.parameters}) for h in simulator()], {}
+def counts(lsb, amplitude=0.0):
+    """Function that makes a record in counts, with a line beneath them."""
+    def make(rng):
+        y = record(rng, sigma_v=0.5, sigma_w=0.05)
+        if amplitude:
+            y += amplitude * np.sin(2.0 * np.pi * rng.uniform(0.02, 0.4) * np.arange(
+                len(y)))
+        return lsb * np.round(y / lsb), 1.0, [
+            sensorid.hypothesis(h.name, bias_sigma=1.0, **{
+                p.symbol: 0.5 if p.symbol == "sigma_v" else (p.low, p.high)
+                for p in h.parameters}) for h in simulator()], {}
+    return make
 
 
 def heavy(rng):
@@ -168,7 +174,10 @@ CONDITIONS = {
     "parabola": (parabola, ("second_order_drift",)),
     "square of a rate": (curved, ("nonlinearity",)),
     "derivative of a rate": (late, ("latency",)),
-    "counts": (counts, ("quantization",)),
+    "counts": (counts(0.8), ("quantization",)),
+    "counts 3 x the noise": (counts(1.5), ("quantization", "undecided")),
+    "the same, and a line": (counts(1.5, 0.6), ("quantization+sinusoid",
+                                                "quantization+narrow_band_noise")),
     "walk that grows": (restless, ("walk_step",)),
     "square wave": (square_wave, ("sinusoid",)),    # and its harmonics
 }
