@@ -10,6 +10,7 @@ import sensorid
 import sensorlab
 from sensorlab import Found, tables
 from sensorlab.gap import sizes, words
+from sensorlab.gap.closure import Closure
 
 CATALOGUE = sensorlab.CATALOGUE
 
@@ -117,6 +118,12 @@ def test_what_hides_the_rest_is_said():
         said = "".join(words.left(d))
         assert d.verdict == "quantization" and "hide" not in said
         assert ("more than twice as coarse" in said) == told
+
+
+def test_what_opens_a_gap_closes_nothing():
+    part = Closure(2.0, 1.5, 0.5, (0.4, 0.6))
+    assert words.closed_share(part) == "50 % [40, 60]"
+    assert words.closed_share(part._replace(after=11.0, closed=-9.0)) == "nothing"
 
 
 def test_a_gain_of_prediction_is_one_of_its_error():

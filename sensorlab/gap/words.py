@@ -193,7 +193,7 @@ def drift_table(d, unit):
 def closing(d):
     """How far the gap shrinks with what was found, in sentences."""
     if d.found and np.isfinite(d.closure.closed):
-        yield (f"closed by adding {added_names(d)}: {_interval(d.closure)} of the gap"
+        yield (f"closed by adding {added_names(d)}: {closed_share(d.closure)} of the gap"
                + ", as the effect itself shows it" * d.directed
                + (f"; each sample is predicted {sharper(d.nats_per_sample)}"
                   if d.nats_per_sample else ""))
@@ -207,7 +207,7 @@ def closing(d):
     if d.held_out:
         h = d.held_out
         yield ("checked on the last third, by a fit of the rest: "
-               + (f"closed {_interval(h.closure)}, " if np.isfinite(h.closure.closed)
+               + (f"closed {closed_share(h.closure)}, " if np.isfinite(h.closure.closed)
                   else "nothing stands out, ")
                + f"each sample predicted {sharper(h.gain)} (by a regression on {LAGS} "
                f"samples and all columns: {sharper(h.reference)}); prediction errors "
@@ -246,7 +246,10 @@ def sharper(nats):
     return f"{number(abs(share), 2)} % {'better' if share >= 0.0 else 'worse'}"
 
 
-def _interval(part):
+def closed_share(part):
+    """How much of a gap closes, and its interval, as text."""
+    if part.closed <= 0.0:
+        return "nothing"
     low, high = part.interval
     return f"{percent(part.closed)} [{100 * low:.0f}, {100 * high:.0f}]"
 

@@ -143,9 +143,7 @@ def _facts(d):
     """The few numbers that matter most: (what, value)."""
     yield "chance of such a gap without a cause", chance(d.before.p_value)
     if d.found and np.isfinite(d.closure.closed):
-        low, high = d.closure.interval
-        yield ("of the gap is closed",
-               f"{percent(d.closure.closed)} [{100 * low:.0f}, {100 * high:.0f}]")
+        yield "of the gap is closed", words.closed_share(d.closure)
     if d.found or d.verdict == "unknown":
         yield "of the gap is left", percent(d.remainder.share)
     if d.verdict == "undecided":
