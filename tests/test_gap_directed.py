@@ -117,6 +117,17 @@ def test_spectra_tell_about_what_the_filters_of_a_process_tell(name, size):
     assert_allclose(about, exact, atol=1.0 + 0.1 * abs(exact))
 
 
+def test_what_is_known_of_one_spares_the_filters_of_all_others():
+    rng = np.random.default_rng(6)
+    scene = Scene(rng.standard_normal(500), DT, {})
+    base = account(scene, [member(scene, WHITE_OF_A_RANGE[0])])
+    some = [CATALOGUE[name] for name in ("correlated_noise", "bias_instability")]
+    one, other = causes._with_filters(causes._Inside(scene, scene, base, base), some,
+                                      True, 100.0, "bias_instability")
+    assert one.effect is some[1] and one.account and one.log_bayes < 3.0
+    assert other.effect is some[0] and not other.account
+
+
 @pytest.mark.parametrize("name", ["noise_step", "walk_step", "random_telegraph"])
 def test_what_is_weak_in_a_long_record_passes_its_screen(name):
     rng, N = np.random.default_rng(4), 10**5

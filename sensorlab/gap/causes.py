@@ -91,9 +91,8 @@ class _Rival(NamedTuple):
     account: Account = None    # with the effect in it; a signature has a family instead
     values: dict = {}    # (mean, sd) by symbol
     variant: str = ""
-    stood_in: float = 0.0     # ln B beside what stands in for jumps, where it is held
-                              # against the filter with jumps
-    chosen: Account = None    # with it, by that filter, where what stood in misled
+    chosen: Account = None    # with it, by the filter with jumps, where what stood in
+                              # for these misled
 
 
 LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters, which
@@ -104,10 +103,11 @@ PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as
 SIMPLER = 1.0 / 3.0    # of the prior of an effect that has a simpler one within it,
                        # that goes to this: a step need not be gradual (H. Jeffreys,
                        # "Theory of Probability", 1961)
+NO_OTHER = "", 0.0     # of which ln B is known
 
 
 def further_causes(scene, acc, effects, processes=True, by_chance=None,
-                   known=("", 0.0)):
+                   known=NO_OTHER):
     """`Further`: probability of every further effect, Eq. (10), and the best account.
 
     Without `processes`, for signatures and jumps alone. `by_chance` gives ln B that an
@@ -153,7 +153,7 @@ class _Sought(NamedTuple):
     rivals: list         # of _Rival
 
 
-def _sought(scene, acc, effects, processes=True, known=("", 0.0)):
+def _sought(scene, acc, effects, processes=True, known=NO_OTHER):
     """`_Sought` of some effects; see `further_causes`."""
     if acc.member.steps:    # what begins at some time is one more step, or two
         effects = [e for e in effects if not (e.columns and e.search in (
@@ -244,25 +244,6 @@ class _Inside(_Where):
         """The scene and the account that an effect is to join."""
         return (self.scene, self.acc) if effect.jumps else (self.plain, self.reference)
 
-    def stands_in(self, effect):
-        """Does something stand in for jumps where an effect is sought?"""
-        return self.plain is not self.scene and bool(effect.model) and (
-            not effect.jumps)
-
-    def beside_jumps(self, rival):
-        """About ln B of a rival by the filter with jumps: as this gains where the fit
-        is that beside what stands in for these.
-        """
-        new, acc = rival.account, self.acc
-        number = new.best
-        h, theta = _beside_jumps(acc, new)[number], dict(zip(
-            acc.hypotheses[number].keys, acc.samples[number].likeliest))
-        theta.update(zip(new.member.keys, new.sample.likeliest))
-        at = np.array([theta.get(key, p.low) for key, p in zip(h.keys, h.parameters)])
-        (real,) = log_likelihoods(h, self.scene, acc.signatures, at[None])
-        return rival.log_bayes + float(real - acc.peak) - (
-            new.peak - self.reference.peak)
-
     def promised(self, effect):
         """(variant, hypotheses with an effect in it, about ln B) of each variant; NaN
         if its spectrum tells nothing.
@@ -301,14 +282,15 @@ class _Inside(_Where):
 
 def _with_filters(inside, effects, processes, best, surely):
     """Rivals that are inside the filter: models, if wanted, and jumps; `best` is the
-    largest ln B of all others, and of the one of the name `surely`, if it is known.
+    largest ln B of all others, and of that of the name `surely`, which is fitted
+    whatever is told of it.
     """
     wanted = [effect for effect in effects if (
         effect.jumps or processes and effect.model and not effect.reading)
         and _has_room(effect, inside.acc)]
     told = dict(zip(wanted, _told_by_screens(inside, wanted)))
     most, rivals = 0.0, []    # ln B of those that have a screen
-    # where scores tell much, filters are first; else those of which much is told:
+    # where scores tell much, filters are first, then those of which most is told: the
     # others may do without
     for effect, about in sorted(told.items(), key=lambda own: (
             own[0].name not in SCREENS, -np.nan_to_num(own[1]))):
@@ -509,29 +491,18 @@ def _with_best(inside, plain, rivals, signature, by_chance):
     while True:
         prior, alone, share = _probabilities(acc, rivals)
         weighed = _Weighed(prior, alone, share, _grouped(rivals, share))
-        if alone < 0.5:
-            number = weighed.best
-        else:    # before nothing is added, what was told less by a glance is fitted
-            number = max((k for k, one in enumerate(rivals)
-                          if one.stood_in and not one.chosen),
-                         key=lambda k: rivals[k].stood_in, default=None)
-            if number is None:
-                return weighed, None
-        best = rivals[number]
+        if alone >= 0.5:
+            return weighed, None
+        best = rivals[weighed.best]
         if best.chosen:
             return weighed, best.chosen
         if not best.family and best.account is None:    # what was told of it sufficed
             rivals[:] = [one for one in rivals if one.effect is not best.effect]
             rivals += inside.fitted(best.effect, 0.0, -np.inf)
             continue
-        if not best.stood_in and best.account and inside.stands_in(best.effect):
-            about = inside.beside_jumps(best) + MATTERS    # the fit may move
-            rivals[number] = best._replace(log_bayes=min(best.log_bayes, about),
-                                           stood_in=best.log_bayes)
-            continue
         chosen = _account_with(scene, plain, acc, best, signature)
         gain = chosen.log_evidence - acc.log_evidence
-        worth = best.stood_in or best.log_bayes
+        worth = best.log_bayes
         if plain is not scene and gain < max(
                 np.log(len(rivals)) + search_cost(best.effect, scene), SEEN * worth):
             # what stood in for the jumps misled: what the filter with jumps sees
@@ -542,7 +513,7 @@ def _with_best(inside, plain, rivals, signature, by_chance):
             worth -= by_chance(best.effect)
         if worth == best.log_bayes:
             return weighed, chosen
-        rivals[number] = best._replace(chosen=chosen, log_bayes=worth)
+        rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=worth)
 
 
 def _account_with(scene, plain, acc, best, signature):
@@ -551,17 +522,11 @@ def _account_with(scene, plain, acc, best, signature):
         return account(scene, acc.bases, acc.hypotheses,
                        (*acc.signatures, signature(best.family)[0]), acc.readings, acc)
     if plain is not scene and best.effect.model and not best.effect.jumps:
-        return account(scene, acc.bases, _beside_jumps(acc, best.account),
+        return account(scene, acc.bases,
+                       [h._replace(effects=(*h.effects, own.effects[-1]))
+                        for h, own in zip(acc.hypotheses, best.account.hypotheses)],
                        acc.signatures, acc.readings, acc)
     return best.account
-
-
-def _beside_jumps(acc, new):
-    """Hypotheses of an account with jumps and the last effect of another, where
-    something stands in for these.
-    """
-    return [h._replace(effects=(*h.effects, own.effects[-1]))
-            for h, own in zip(acc.hypotheses, new.hypotheses)]
 
 
 def estimated_together(full, acc, path):

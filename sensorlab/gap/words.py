@@ -193,8 +193,8 @@ def drift_table(d, unit):
 def closing(d):
     """How far the gap shrinks with what was found, in sentences."""
     if d.found and np.isfinite(d.closure.closed):
-        yield (f"closed by adding {added_names(d)}: {closed_share(d.closure)} of the gap"
-               + ", as the effect itself shows it" * d.directed
+        yield (f"closed by adding {added_names(d)}: {closed_share(d.closure)} of the "
+               "gap" + ", as the effect itself shows it" * d.directed
                + (f"; each sample is predicted {sharper(d.nats_per_sample)}"
                   if d.nats_per_sample else ""))
         if np.isfinite(d.by_any):
