@@ -72,10 +72,10 @@ def search(full, start, readings, effects, before, glanced, shared):
             better = not coarse and exchanges < MAX_EXCHANGES and (
                 after.p_value > EXPLAINED) and (
                 _exchanged(full, acc, path, leaves, lesser, effects, shared))
-            before_it = acc
+            same = acc
             if better:
                 acc, lesser, path, leaves = better
-            if acc is before_it:
+            if acc is same:
                 return Search(acc, lesser, path, leaves, after, left)
             exchanges += 1
             after = glanced(acc, after)
