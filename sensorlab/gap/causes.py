@@ -295,9 +295,9 @@ def _with_filters(inside, effects, processes, best, surely):
     for effect, about in sorted(told.items(), key=lambda own: (
             own[0].name not in SCREENS, -np.nan_to_num(own[1]))):
         least, other = (FEW, most) if effect.name in SCREENS else (LITTLE, best)
-        if effect.search in BY_SPECTRA:    # in bands, these tell too little of a line
-            least, other = 0.0, 0.0
-        if about < max(least, AT_LEAST * other - MATTERS) and effect.name != surely:
+        # in bands, spectra tell too little of a line: they but say which comes first
+        if effect.search not in BY_SPECTRA and effect.name != surely and (
+                about < max(least, AT_LEAST * other - MATTERS)):
             rivals.append(_Rival(effect, "", about))
             continue
         own = inside.fitted(effect, best)
