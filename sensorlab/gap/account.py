@@ -279,16 +279,15 @@ def gaussian(scene, acc):
     louder = Effect(
         "louder_at_times", elementwise=True, comes_last=True, model=functools.partial(
             _louder_at_times, share=_on_second(seen, own))) if own.louder[0] else None
-    for h, sample in zip(acc.hypotheses, acc.samples):
+    for h in acc.hypotheses:    # one that cannot be may not know what jumps
         effects = tuple(one for one in h.effects if not one.effect.jumps)
-        jumps = h.jumps(sample.mean[None])
-        if jumps.half[0] > 0.0:
-            effects += (Found(LEVEL_AS_NOISE, values=fixed(change=jumps.begin[0],
-                                                           half=jumps.half[0])),)
-        if jumps.step[0] > 0.0:
-            effects += (Found(STEPS_AS_WALK, values=fixed(sigma_w=jumps.sigma_w[0])),)
+        if own.half[0] > 0.0:
+            effects += (Found(LEVEL_AS_NOISE, values=fixed(change=own.begin[0],
+                                                           half=own.half[0])),)
+        if own.step[0] > 0.0:
+            effects += (Found(STEPS_AS_WALK, values=fixed(sigma_w=own.sigma_w[0])),)
         if louder:
-            effects += (Found(louder, values=fixed(variance=jumps.louder[0])),)
+            effects += (Found(louder, values=fixed(variance=own.louder[0])),)
         plain.append(h._replace(effects=effects))
     return masked, tuple(plain)
 

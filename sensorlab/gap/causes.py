@@ -193,7 +193,7 @@ def _without_jumps(scene, acc, stand_in, like=None):
     if like and hypotheses == like[1].hypotheses and np.array_equal(
             plain.y, like[0].y, equal_nan=True):
         return like
-    return plain, account(plain, hypotheses, signatures=acc.signatures)
+    return plain, account(plain, hypotheses, signatures=acc.signatures, past=acc)
 
 
 def search_cost(effect, scene):
