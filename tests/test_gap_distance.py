@@ -183,14 +183,20 @@ def test_what_was_not_fitted_shows_no_gap_where_there_is_none():
     assert abs(np.mean(squares) - 1.0) < 4.0 * 0.23 / np.sqrt(6)
 
 
-def test_each_simulated_record_is_as_far_off_as_one_that_the_others_know_nothing_of():
+def of_no_record():
+    """A `_Ruler` without marks, for statistics and gains that are made up."""
+    fit = SimpleNamespace(setting=SimpleNamespace(acc=SimpleNamespace(readings=())))
+    return distance._Ruler(fit, None, None)
+
+
+def test_each_simulated_record_is_as_far_off_as_one_that_the_others_know_nothing_of(
+        monkeypatch):
+    monkeypatch.setattr(distance, "LINEAR", 0.0)
     rng = np.random.default_rng(3)
     B, d, S = 12, 2, 5
     s = rng.standard_normal((B, d))
     T = 3.0 + s @ rng.standard_normal((d, S)) + rng.standard_normal((B, S))
-    fit = SimpleNamespace(setting=SimpleNamespace(acc=SimpleNamespace(readings=())))
-    _, null = distance._Ruler(fit, None, None).marked(T, s, SimpleNamespace(
-        value=T[:1], least=0.0))
+    _, null = of_no_record().marked(T, s, SimpleNamespace(value=T[:1], least=0.0))
     for b in range(B):
         others = np.arange(B) != b
         X, own = np.column_stack([np.ones(B), s]), np.append(1.0, s[b])
@@ -200,6 +206,24 @@ def test_each_simulated_record_is_as_far_off_as_one_that_the_others_know_nothing
         # a real record is fitted: only the mean of B others is off
         assert_allclose(null[b], np.sqrt((1.0 + 1.0 / B) / spread) * (
             T[b] - own @ past), rtol=1e-9)
+
+
+def test_what_no_refit_follows_leaves_all_else_as_it_is():
+    rng, B = np.random.default_rng(5), 99
+    slope, noise = np.array([[40.0], [-40.0], [0.0]]), 0.1
+
+    def laid(B):    # two gains that are nearly one, and one that nothing hangs on
+        both = rng.standard_normal((B, 1))
+        s = np.hstack([both, both + 0.1 * rng.standard_normal((B, 1)),
+                       rng.standard_normal((B, 1))])
+        return s @ slope + noise * rng.standard_normal((B, 1)), s
+    T, s = laid(B)
+    ruler, _ = of_no_record().marked(T, s, SimpleNamespace(value=T[:1], least=0.0))
+    T, s = laid(50)
+    s[:, 2] = 30.0    # out of the range of its parameter
+    assert np.sqrt(np.mean(ruler.distances(T, s)**2)) < 1.5
+    # five times what a refit changes
+    assert ruler.distances(T + 20.0, s).min() > 5.0
 
 
 @pytest.mark.large

@@ -59,6 +59,8 @@ MOVED = 48      # simulated records behind a move of indirect inference
 MOVES = 24      # moves for a record that readings hide, at most
 THERE = 0.2     # standard deviations, some 1 / sqrt(MOVED): a shorter move is none
 BOUND = 2.0     # of the first move
+FARTHEST = 3.0  # standard deviations along an axis that a refit by slopes goes
+LINEAR = 0.1    # share of what a refit by slopes changes by which it may be wrong
 LEAST_SHARE = 0.1    # of the variance of a residual: few records fit anything
 FEWER = (LONG_RECORD, 0.5), (10 * LONG_RECORD, 0.4)    # of these, for more samples
 
@@ -327,6 +329,17 @@ def _root(missed, starts, step, moves):
     return best
 
 
+def _uncorrelated(s):
+    """Axes (d, a) along which gains s (B, d) of mean 0 are uncorrelated, of variance 1:
+    those of their correlations, as each has a unit of its own; without those along
+    which there is nothing.
+    """
+    sd = np.maximum(s.std(0, ddof=1), 1e-150)
+    variance, axes = np.linalg.eigh((s / sd).T @ (s / sd) / (len(s) - 1))
+    own = variance > 1e-6
+    return axes[:, own] / np.sqrt(variance[own]) / sd[:, None]
+
+
 def _without_tails(s):
     """Gains (B, d) with what lies far out put at three standard deviations: where a
     filter takes one level for the other, one record would outweigh all others.
@@ -346,8 +359,10 @@ class _Ruler(NamedTuple):
     mean: np.ndarray = None        # (S,) of the simulated records
     sd: np.ndarray = None          # (S,)
     middle: np.ndarray = None      # (d,) mean gain
-    inverse: np.ndarray = None     # (d, d) of the covariance of the gains
-    slope: np.ndarray = None       # (d, S) of the statistics on the gains
+    off: np.ndarray = None         # (d,) standard deviation of the gains
+    axes: np.ndarray = None        # (d, a) by which gains become uncorrelated, of
+                                   # variance 1
+    slope: np.ndarray = None       # (a, S) of the statistics on these
 
     __repr__ = brief
 
@@ -378,33 +393,33 @@ class _Ruler(NamedTuple):
             usable &= ~stats.of_rounding    # what was added to rounded values hides it
         T = np.where(usable, T, 0.0)    # no two clusters may be without a gap
         B, middle = len(T), s.mean(0)
-        apart = s - middle
-        cov = apart.T @ apart / (B - 1)
-        inverse = np.linalg.pinv(cov, rcond=1e-6)    # singular gains are left out
-        slope = inverse @ (apart.T @ (T - T.mean(0))) / (B - 1)
-        T = T - apart @ slope
+        axes = _uncorrelated(s - middle)
+        apart = (s - middle) @ axes
+        slope = apart.T @ (T - T.mean(0)) / (B - 1)
+        T, moved = T - apart @ slope, LINEAR * apart @ slope
         mean, off = T.mean(0), T - T.mean(0)
-        square, free = (off**2).sum(0), max(B - 1.0 - np.trace(inverse @ cov), 2.0)
+        square, free = (off**2).sum(0), max(B - 1.0 - len(slope), 2.0)
         least = np.where(usable, stats.least + 1e-9 * np.abs(stats.value[0]), 1.0)
         # each is off by less than a record that none of these were fitted to
-        share = 1.0 - 1.0 / B - np.einsum("bi, ij, bj -> b", apart, inverse, apart) / (
-            B - 1)
+        share = 1.0 - 1.0 / B - (apart**2).sum(1) / (B - 1)
         off /= np.sqrt(np.maximum(share, LEAST_SHARE))[:, None]
         of_others = np.sqrt(np.maximum(square - off**2, 0.0) / (free - 1.0))
         return self._replace(
             usable=usable, mean=mean, sd=np.maximum(np.sqrt(square / free), least),
-            middle=middle, inverse=inverse, slope=slope), np.clip(
-                np.sqrt(1.0 + 1.0 / B) * off / np.maximum(of_others, least), -1e3, 1e3)
+            middle=middle, off=s.std(0, ddof=1), axes=axes, slope=slope), np.clip(
+                np.sqrt(1.0 + 1.0 / B) * off / np.hypot(
+                    np.maximum(of_others, least), moved), -1e3, 1e3)
 
     def distances(self, T, s):
-        """Distances (R, S) of other records; a refit moves nothing further than three
-        standard deviations.
+        """Distances (R, S) of other records; a refit moves no parameter, and along no
+        axis, further than FARTHEST.
         """
-        s = s - self.middle
-        length = np.sqrt(np.einsum("ri, ij, rj -> r", s, self.inverse, s))
-        s = s * np.minimum(1.0, 3.0 / np.maximum(length, 1e-150))[:, None]
-        T = np.where(self.usable, T, 0.0) - s @ self.slope
-        return np.clip((T - self.mean) / self.sd, -1e3, 1e3)
+        within = FARTHEST * self.off
+        apart = np.clip(s - self.middle, -within, within) @ self.axes
+        apart = np.clip(apart, -FARTHEST, FARTHEST)
+        moved = apart @ self.slope
+        T = np.where(self.usable, T, 0.0) - moved
+        return np.clip((T - self.mean) / np.hypot(self.sd, LINEAR * moved), -1e3, 1e3)
 
     def distances_of(self, z):
         """Distances (S,) of the real record if its normal scores were z (N,)."""
