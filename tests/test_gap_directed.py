@@ -2,6 +2,8 @@
 the filters they spare.
 """
 
+from types import SimpleNamespace
+
 import generator
 import numpy as np
 import pytest
@@ -9,11 +11,14 @@ from conftest import DT, MODEL, WHITE_OF_A_RANGE, member, scene_of
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
+import sensorid
 import sensorlab
-from sensorlab import CATALOGUE, Scene
+from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import (
     causes, directed, evidence, filters, scans, screens, signatures)
-from sensorlab.gap.account import account
+from sensorlab.gap.account import account, fixed
+from sensorlab.gap.effects import Member
+from sensorlab.gap.readings import Reading
 
 
 @pytest.mark.parametrize("level", [0, 4])    # nothing, and an effect of 100 nats that
@@ -176,3 +181,25 @@ def test_what_was_only_told_is_fitted_before_it_is_named(monkeypatch):
     d = sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE)
     assert d.verdict == "none"
     assert max(c.log_bayes for c in d.causes if "noise_bursts" in c.effects) < 2.0
+
+
+@pytest.mark.parametrize("noise, rests", [(0.2, True), (0.45, True), (0.6, False)])
+def test_bursts_over_next_to_no_noise_would_stand_in_for_the_law_of_rounding(noise,
+                                                                             rests):
+    lsb = 2.0
+    scene = Scene(lsb * np.round(np.random.default_rng(4).standard_normal(500)), DT, {})
+    rounded = Found(CATALOGUE["quantization"], values=fixed(lsb=lsb))
+    white = sensorid.hypothesis("white_noise", sigma_v=(0.01, 9.0))
+    h = Member(white, scene).joined(rounded).with_effect(CATALOGUE["noise_bursts"])
+
+    def rest(lsb, h):
+        theta = np.array([noise * lsb if symbol == "sigma_v" else lsb
+                          if symbol == "lsb" else p.mean
+                          for (_, symbol), p in zip(h.keys, h.parameters)])
+        return causes._rests_on_rounding(SimpleNamespace(
+            member=h, theta=theta, signatures=(), readings=[Reading(
+                rounded._replace(values=dict(lsb=lsb)), 1.0, np.zeros(500, bool), False)]),
+            scene)
+    assert rest(lsb, h) == rests
+    assert not rest(0.0, h)                            # what is not rounded
+    assert not rest(lsb, Member(white, scene).joined(rounded))    # nor jumps

@@ -14,8 +14,8 @@ from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
-from sensorlab.gap.filters import log_likelihoods, predict, solve
-from sensorlab.gap.readings import as_read
+from sensorlab.gap.filters import filter_of, log_likelihoods, predict, solve
+from sensorlab.gap.readings import NOISY, as_read, less_rounding
 from sensorlab.gap.screens import (
     FEW, LITTLE, SCREENS, change_of_drive, change_of_level, screened, usual_variance)
 from sensorlab.gap.signatures import families
@@ -271,7 +271,8 @@ class _Inside(_Where):
                 continue
             new = account(scene, self.acc.bases, richer, self.acc.signatures,
                           self.acc.readings, start, _floor(start, best))
-            if new.member.steps and _steps(new, scene) < FEWEST_STEPS:
+            if new.member.steps and _steps(new, scene) < FEWEST_STEPS or (
+                    _rests_on_rounding(new, scene)):
                 continue
             best = max(best, _log_bayes(new, start))
             result.append(_Rival(effect, "", _log_bayes(new, start), account=new,
@@ -368,6 +369,22 @@ def _steps(acc, scene):
         acc.member, scene, acc.signatures, acc.theta[None]).second[0, 0])
     sure = np.convolve(second, np.ones(NEAR), "same") > 0.5
     return np.sum(sure[1:] & ~sure[:-1]) + sure[0]
+
+
+def _rests_on_rounding(acc, scene):
+    """Does a record, where nothing jumps, move less than makes its rounding a white
+    noise? What jumps would stand in for the law of that.
+    """
+    lsb = max((r.found.values.get("lsb", 0.0) for r in acc.readings if not r.coarse),
+              default=0.0)
+    if not (lsb and acc.member.has_jumps):
+        return False
+    h = acc.member._replace(effects=tuple(
+        one for one in acc.member.effects if not one.effect.jumps))
+    quiet = filter_of(h, scene, acc.signatures, acc.member.matching(h, acc.theta),
+                      np.isnan(scene.y))
+    noise = np.exp(0.5 * np.median(quiet.log_f))
+    return NOISY * less_rounding(noise, lsb) < lsb
 
 
 def _spectra(scene, acc):
@@ -640,6 +657,8 @@ def _with_wrong_parameters(scene, acc, effect, floor):
             continue
         wide = account(scene, acc.bases, [h for h, _ in widened], acc.signatures,
                        acc.readings, acc, floor)
+        if _rests_on_rounding(wide, scene):
+            continue
         name = ".".join(filter(None, key))
         yield _Rival(effect, name, _log_bayes(wide, acc), account=wide,
                      values=dict(parameter=(name, 0.0),
@@ -676,6 +695,8 @@ def _with_wrong_scale(scene, acc, effect, floor):
     scaled = account(scene, acc.bases, [h._replace(effects=(*h.effects, Found(
         effect, values=dict(factor=factor)))) for h in acc.hypotheses], acc.signatures,
         acc.readings, acc, floor)
+    if _rests_on_rounding(scaled, scene):
+        return
     yield _Rival(effect, ALL, _log_bayes(scaled, acc), account=scaled,
                  values=dict(parameter=(ALL, 0.0),
                              **_values(scaled.member.effects[-1], scaled)))

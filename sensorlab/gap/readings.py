@@ -87,7 +87,7 @@ def readings(scene):
     lsb, noise = lattice_and_noise(y)
     moved = lattice_between(y) if not lsb else 0.0
     if moved:
-        lsb, noise = moved, _less_rounding(noise, moved)
+        lsb, noise = moved, less_rounding(noise, moved)
     limits, clipped = _clipped(y, lsb, noise)
     spans, stuck = _stuck(y, lsb, noise, clipped)
     if clipped.any():
@@ -200,7 +200,7 @@ def _found(name, **values):
 def lattice_and_noise(y):
     """`lattice` of a record, and the standard deviation of its noise without it."""
     seen, lsb = y[~np.isnan(y)], lattice(y)
-    return lsb, _less_rounding(np.sqrt(np.mean(np.diff(seen)**2) / 2.0), lsb)
+    return lsb, less_rounding(np.sqrt(np.mean(np.diff(seen)**2) / 2.0), lsb)
 
 
 def adds_noise(y, lsb):
@@ -208,10 +208,10 @@ def adds_noise(y, lsb):
     lies on no lattice, or does it hide more?
     """
     _, noise = lattice_and_noise(y)
-    return bool(lsb <= NOISY * _less_rounding(noise, lsb))
+    return bool(lsb <= NOISY * less_rounding(noise, lsb))
 
 
-def _less_rounding(noise, lsb):
+def less_rounding(noise, lsb):
     """Standard deviation of a noise without what rounding adds."""
     return np.sqrt(max(noise**2 - lsb**2 / 12.0, 0.0))
 
