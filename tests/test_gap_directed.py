@@ -196,10 +196,10 @@ def test_bursts_over_next_to_no_noise_would_stand_in_for_the_law_of_rounding(noi
         theta = np.array([noise * lsb if symbol == "sigma_v" else lsb
                           if symbol == "lsb" else p.mean
                           for (_, symbol), p in zip(h.keys, h.parameters)])
+        read = Reading(rounded._replace(values=dict(lsb=lsb)), 1.0,
+                       np.zeros(500, bool), False)
         return causes._rests_on_rounding(SimpleNamespace(
-            member=h, theta=theta, signatures=(), readings=[Reading(
-                rounded._replace(values=dict(lsb=lsb)), 1.0, np.zeros(500, bool), False)]),
-            scene)
+            member=h, theta=theta, signatures=(), readings=[read]), scene)
     assert rest(lsb, h) == rests
     assert not rest(0.0, h)                            # what is not rounded
     assert not rest(lsb, Member(white, scene).joined(rounded))    # nor jumps
