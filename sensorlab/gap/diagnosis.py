@@ -132,12 +132,12 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     alone = distance(full, base, trials, seed)
     own = None if simulated is None else Twins(full, base, simulated, seed)
 
-    def unshared(gap, before=None):
-        return less_shared(gap, own.distances, before) if own else gap
+    def unshared(gap):
+        return less_shared(gap, own.distances) if own else gap
     before = unshared(alone)
 
     def measured(acc, near=None, trials=trials, before=alone):
-        return unshared(_surely(full, acc, trials, seed + 1, before, near), before)
+        return unshared(_surely(full, acc, trials, seed + 1, before, near))
 
     def glanced(acc, near=None):
         say("measuring what is left", 2)

@@ -104,28 +104,16 @@ def _alike(symbol, one, other):
 UNLIKE = 0.1    # of a distance that two records share: what they may differ by
 
 
-def less_shared(gap, own, before=None):
-    """The gap less what the simulator's own records `own` (L, S) have, too; `before` is
-    the gap without effects that goes with one with. What they alone have is a matter of
-    their description, and none of the record.
+def less_shared(gap, own):
+    """The gap less what the simulator's own records `own` (L, S) have, too. What they
+    alone have is a matter of their description, and none of the record: nothing stands
+    out more than it does beside the simulator.
     """
-    L = len(own)
-    mean = _no_further(own.mean(0), gap.distance)
-    spread = np.maximum(own.std(0, ddof=1), 1.0) if L > 2 else 1.0
-    wide = np.sqrt((1.0 + 1.0 / L) * spread**2 + (UNLIKE * mean)**2)
-
-    def less(d, null):    # records of a simulator beside as many others of it
-        others = np.mean([null[(np.arange(len(d)) - k - 1) % len(null)]
-                          for k in range(L)], axis=0)
-        return (d - _no_further(others, d)) / np.sqrt(1.0 + 1.0 / L)
-    null = less(gap.null, gap.null)
-    d = (gap.distance - mean) / wide
-    p_place, p_value = p_values(gap.statistics.place, gap.ruler.usable, d, null)
-    return gap._replace(distance=d, null=null, p_place=p_place, p_value=p_value,
-                        beside=gap.beside if gap.beside is None else
-                        less(gap.beside, before.null))
-
-
-def _no_further(shared, d):
-    """Distances that others have, as far as they are towards those of a record."""
-    return np.clip(shared, np.minimum(d, 0.0), np.maximum(d, 0.0))
+    d, mean = gap.distance, own.mean(0)
+    shared = np.clip(mean, np.minimum(d, 0.0), np.maximum(d, 0.0))
+    spread = np.maximum(own.std(0, ddof=1), 1.0) if len(own) > 2 else 1.0
+    # of the mean of theirs, too, where it is taken off
+    wide = spread**2 + np.minimum(spread**2 / len(own), shared**2)
+    d = (d - shared) / np.sqrt(wide + (UNLIKE * shared)**2)
+    p_place, p_value = p_values(gap.statistics.place, gap.ruler.usable, d, gap.null)
+    return gap._replace(distance=d, p_place=p_place, p_value=p_value)
