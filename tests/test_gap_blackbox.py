@@ -88,6 +88,15 @@ def test_what_was_added_after_the_rounding_is_all_there_is(known, added, verdict
                for line in words.advice(d, "u"))
 
 
+def test_gaps_measured_with_more_records_than_before_stand_beside_each_other(known):
+    y, simulator = known
+    d = sensorlab.diagnose(y, DT, simulator)
+    before = distance(d.scene, d.base, 40)
+    after = distance(d.scene, d.base, 60, before=before)
+    gap = less_shared(after, before.ruler.measured(y[None] - d.scene.known))
+    assert len(gap.null) == len(gap.beside) == 60
+
+
 def test_what_only_the_simulators_records_have_is_no_gap_of_the_record(known):
     y, simulator = known
     d = sensorlab.diagnose(y, DT, simulator)

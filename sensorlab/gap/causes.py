@@ -174,7 +174,8 @@ def _sought(scene, acc, effects, processes=True, known=NO_OTHER):
         floor = _floor(acc, max([best, *(one.log_bayes for one in rivals)]))
         rivals += [rival for effect in effects if effect.factor
                    for wrong in (_with_wrong_parameters, _with_wrong_scale)
-                   for rival in wrong(scene, acc, effect, floor)]
+                   for rival in wrong(scene, acc, effect, floor)
+                   if not _rests_on_rounding(rival.account, scene)]
     return _Sought(inside, plain, reference, listed, samples, rivals)
 
 
@@ -657,8 +658,6 @@ def _with_wrong_parameters(scene, acc, effect, floor):
             continue
         wide = account(scene, acc.bases, [h for h, _ in widened], acc.signatures,
                        acc.readings, acc, floor)
-        if _rests_on_rounding(wide, scene):
-            continue
         name = ".".join(filter(None, key))
         yield _Rival(effect, name, _log_bayes(wide, acc), account=wide,
                      values=dict(parameter=(name, 0.0),
@@ -695,8 +694,6 @@ def _with_wrong_scale(scene, acc, effect, floor):
     scaled = account(scene, acc.bases, [h._replace(effects=(*h.effects, Found(
         effect, values=dict(factor=factor)))) for h in acc.hypotheses], acc.signatures,
         acc.readings, acc, floor)
-    if _rests_on_rounding(scaled, scene):
-        return
     yield _Rival(effect, ALL, _log_bayes(scaled, acc), account=scaled,
                  values=dict(parameter=(ALL, 0.0),
                              **_values(scaled.member.effects[-1], scaled)))

@@ -329,12 +329,12 @@ def _root(missed, starts, step, moves):
     return best
 
 
-def _uncorrelated(s):
-    """Axes (d, a) along which gains s (B, d) of mean 0 are uncorrelated, of variance 1:
-    those of their correlations, as each has a unit of its own; without those along
-    which there is nothing.
+def _uncorrelated(s, spread):
+    """Axes (d, a) along which gains s (B, d) of mean 0 and standard deviations `spread`
+    (d,) are uncorrelated, of variance 1: those of their correlations, as each has a
+    unit of its own; without those along which there is nothing.
     """
-    sd = np.maximum(s.std(0, ddof=1), 1e-150)
+    sd = np.maximum(spread, 1e-150)
     variance, axes = np.linalg.eigh((s / sd).T @ (s / sd) / (len(s) - 1))
     own = variance > 1e-6
     return axes[:, own] / np.sqrt(variance[own]) / sd[:, None]
@@ -359,7 +359,7 @@ class _Ruler(NamedTuple):
     mean: np.ndarray = None        # (S,) of the simulated records
     sd: np.ndarray = None          # (S,)
     middle: np.ndarray = None      # (d,) mean gain
-    off: np.ndarray = None         # (d,) standard deviation of the gains
+    spread: np.ndarray = None      # (d,) standard deviation of the gains
     axes: np.ndarray = None        # (d, a) by which gains become uncorrelated, of
                                    # variance 1
     slope: np.ndarray = None       # (a, S) of the statistics on these
@@ -393,7 +393,8 @@ class _Ruler(NamedTuple):
             usable &= ~stats.of_rounding    # what was added to rounded values hides it
         T = np.where(usable, T, 0.0)    # no two clusters may be without a gap
         B, middle = len(T), s.mean(0)
-        axes = _uncorrelated(s - middle)
+        spread = s.std(0, ddof=1)
+        axes = _uncorrelated(s - middle, spread)
         apart = (s - middle) @ axes
         slope = apart.T @ (T - T.mean(0)) / (B - 1)
         T, moved = T - apart @ slope, LINEAR * apart @ slope
@@ -406,7 +407,7 @@ class _Ruler(NamedTuple):
         of_others = np.sqrt(np.maximum(square - off**2, 0.0) / (free - 1.0))
         return self._replace(
             usable=usable, mean=mean, sd=np.maximum(np.sqrt(square / free), least),
-            middle=middle, off=s.std(0, ddof=1), axes=axes, slope=slope), np.clip(
+            middle=middle, spread=spread, axes=axes, slope=slope), np.clip(
                 np.sqrt(1.0 + 1.0 / B) * off / np.hypot(
                     np.maximum(of_others, least), moved), -1e3, 1e3)
 
@@ -414,7 +415,7 @@ class _Ruler(NamedTuple):
         """Distances (R, S) of other records; a refit moves no parameter, and along no
         axis, further than FARTHEST.
         """
-        within = FARTHEST * self.off
+        within = FARTHEST * self.spread
         apart = np.clip(s - self.middle, -within, within) @ self.axes
         apart = np.clip(apart, -FARTHEST, FARTHEST)
         moved = apart @ self.slope
