@@ -223,6 +223,20 @@ def test_uneven_polling_shows_a_rate_but_ties_without_pattern_none():
             r.found.name for r in readings.readings(Scene(other, DT, {}))]
 
 
+@pytest.mark.parametrize("calm", [0.4, 0.8, 1.2, 5.0])    # of a count
+def test_values_meet_by_chance_where_a_record_is_calm(calm):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        sigma = np.where(np.arange(4000) % 1000 < 500, calm, 20.0)
+        y = np.round(rng.uniform(-1.0, 1.0) + sigma * rng.standard_normal(4000))
+        longest = readings._runs(np.diff(y) == 0.0)[1].max()
+        found = [r.found.name for r in readings.readings(Scene(y, DT, {}))]
+        assert longest >= 2 and "stuck" not in found
+    y[1700:1712], y[1712] = y[1700], y[1700] + 1.0    # where it is loud
+    (stuck,) = [r for r in readings.readings(Scene(y, DT, {})) if r.masked.any()]
+    assert stuck.found.values["spans"] == [[1700.0, 12]]
+
+
 @pytest.mark.parametrize("lsb, printed", [(0.061, 0.01), (0.0152, 1e-7), (0.25, 1e-3)])
 def test_a_lattice_is_seen_through_the_digits_that_were_printed(lsb, printed):
     y = np.random.default_rng(3).standard_normal(4000)

@@ -1,18 +1,17 @@
 """What readings do to a record is seen in the values themselves."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import next_fast_len
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
-from scipy.special import gammaln, log_ndtr, logsumexp, ndtr, xlogy
+from scipy.special import erf, gammaln, log_ndtr, logsumexp, ndtr, xlogy
 
 from sensorid import brief
 from sensorlab.gap.catalogue import (
-    CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between, noise_where_calm,
-    repeated_at_random)
+    CALM, CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between,
+    noise_where_calm, repeated_at_random)
 from sensorlab.gap.effects import Found
 
 
@@ -213,7 +212,7 @@ def adds_noise(y, lsb):
 
 def less_rounding(noise, lsb):
     """Standard deviation of a noise without what rounding adds."""
-    return np.sqrt(max(noise**2 - lsb**2 / 12.0, 0.0))
+    return np.sqrt(np.maximum(noise**2 - lsb**2 / 12.0, 0.0))
 
 
 def misleads(reading, noise):
@@ -386,19 +385,54 @@ def _stuck(y, lsb, noise, clipped):
     """
     same = np.append(False, np.diff(y) == 0.0) & ~clipped
     start, length = _runs(same)
-    if lsb:    # a value in the middle of its cell stays there by chance
-        tie = math.erf(lsb / max(2.0 * np.sqrt(2.0) * noise, 1e-9 * lsb))
-    else:    # what a part of the record, or neighbours, lie on is no lattice of it
-        tie = _tie_by_chance(start, length, len(y))
-    enough = 2.0
-    if tie:
-        enough = (max(2.0, np.log(1e-4 / len(y)) / np.log(tie)) if lsb < 2.0 * noise
-                  else np.inf)
-    spans = [(begin - 1, n + 1) for begin, n in zip(start, length) if n >= enough]
+    # what a part of the record, or neighbours, lie on is no lattice of it
+    tie = _stays(lsb, noise) if lsb else _tie_by_chance(start, length, len(y))
+    own = length >= _more_than_chance(tie, len(y))
+    start, length = start[own], length[own]
+    while lsb and len(start):    # noise may change: that nearby counts
+        tie = _stays(lsb, less_rounding(_noise_near(y, start, length), lsb))
+        own = length >= _more_than_chance(tie, len(y))
+        if own.all():
+            break
+        start, length = start[own], length[own]
+    spans = list(zip(start - 1, length + 1))
     stuck = np.zeros(len(y), bool)
     for begin, n in spans:
         stuck[begin + 1:begin + n] = True
     return spans, stuck
+
+
+def _more_than_chance(tie, samples):
+    """Ties of such a probability each, one after another, that are no chance."""
+    with np.errstate(divide="ignore"):
+        return np.where(tie < 1.0, np.maximum(2.0, np.log(1e-4 / samples) / np.log(
+            tie)), np.inf)
+
+
+def _stays(lsb, noise):
+    """Probability that a value in the middle of its cell stays there by chance; 1 where
+    the noise does not tell.
+    """
+    return np.where(lsb < 2.0 * noise, erf(
+        lsb / np.maximum(2.0 * np.sqrt(2.0) * noise, lsb)), 1.0)
+
+
+def _noise_near(y, start, length):
+    """Standard deviations of the white noise next to runs of equal values of that first
+    sample and length, where it is calmer: before or behind them, the runs left out.
+    """
+    step = np.abs(np.diff(y, prepend=np.nan))
+    for begin, n in zip(start, length):
+        step[begin:begin + n] = np.nan
+    own = ~np.isnan(step)
+    total, at = np.append(0.0, np.cumsum(step[own])), np.append(0, np.cumsum(own))[
+        start]
+    means = []
+    for first, last in ((np.maximum(at - CALM, 0), at), (
+            at, np.minimum(at + CALM, len(total) - 1))):
+        means.append(np.where(last - first < FEWEST, np.inf, (
+            total[last] - total[first]) / np.maximum(last - first, 1)))
+    return np.minimum(*means) * np.sqrt(np.pi) / 2.0
 
 
 def _tie_by_chance(start, length, samples):
