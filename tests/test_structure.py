@@ -115,6 +115,17 @@ def test_no_line_is_longer_than_88_columns():
         assert not long, (file.name, long)
 
 
+def test_no_name_of_a_module_is_given_twice():
+    # the second would be that of what stands above it, too
+    for file in [ROOT / "sensorid.py", *ROOT.glob("sensorlab/**/*.py"),
+                 *ROOT.glob("figures/*.py")]:
+        names = [name for node in ast.parse(file.read_text()).body for name in (
+            [node.name] if isinstance(node, (ast.FunctionDef, ast.ClassDef)) else
+            [n.id for target in getattr(node, "targets", ()) for n in ast.walk(target)
+             if isinstance(n, ast.Name)])]
+        assert len(names) == len(set(names)), file
+
+
 @pytest.fixture
 def small(monkeypatch, tmp_path):
     monkeypatch.setattr(figures, "size", dict(trials=32, dt=1.0, progress=None))

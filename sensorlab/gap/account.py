@@ -196,7 +196,7 @@ def _odd(h, scene, signatures, other, theta):
         return odd, nothing
     seen = predict(other, scene, signatures, theta[None])
     if other.has_jumps:
-        odd = _not_usual(other, seen, theta)
+        odd = _unless_most(_not_usual(other, seen, theta))
     z = np.where(odd > 0.5, np.nan, seen.z[0, 0])
     variance, new = usual_variance(z, seen.log_score[0, 0]), [
         one for one in own if one.key not in known]
@@ -204,12 +204,15 @@ def _odd(h, scene, signatures, other, theta):
         return odd, nothing
     (one,) = new
     more, *law = LAWS[one.name](scene, one.effect, z, variance)
-    if np.mean(more > 0.5) > MOSTLY:    # the rest would tell too little
-        more = 0.0
-    return np.maximum(odd, more), ([(one.key, symbol) for symbol in one.values], *law)
+    return np.maximum(odd, _unless_most(more)), (
+        [(one.key, symbol) for symbol in one.values], *law)
 
 
-MOSTLY = 0.5    # of the samples
+def _unless_most(odd):
+    """Probabilities (N,) that samples are odd; 0 if most are: the rest would tell too
+    little.
+    """
+    return odd if np.mean(odd > 0.5) <= 0.5 else np.zeros(len(odd))
 
 
 def _not_usual(h, seen, theta):

@@ -336,8 +336,9 @@ def _ties(first, last, y, ties):
 
 PER_SIGMA = 256    # values in a table of the normal law u and of cos(pi u), between
                    # which straight lines are good to some millionths
-LAW = ndtr(np.arange(-8 * PER_SIGMA, 8 * PER_SIGMA + 2) / PER_SIGMA)
-LAW = np.column_stack([LAW, np.cos(np.pi * LAW)])
+LAW = np.column_stack([
+    u := ndtr(np.arange(-8 * PER_SIGMA, 8 * PER_SIGMA + 2) / PER_SIGMA),
+    np.cos(np.pi * u)])
 
 
 @njit(**KERNEL)
