@@ -149,10 +149,10 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     def described(done):
         return _described(full, done, before, measured)
 
-    def sought(effects):
-        return described(search(full, start, found, effects, before, glanced,
-                                own.show if own else lambda *_: False))
-    by = sought(effects)
+    def sought(acc, path, effects):
+        return search(full, acc, path, effects, before, glanced,
+                      own.show if own else lambda *_: False)
+    by = described(sought(start, found, effects))
     if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it
         nothing = by.search.after is before
         before = unshared(_surely(full, base, trials, seed, near=alone))
@@ -162,11 +162,13 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     verdict = verdict_of(causes)
     if not names_all(verdict, by.found):
         names = set(names_in(verdict))
-        if names <= {"unknown", *(one.name for one in by.found)}:
-            by = described(narrowed(full, by.search, names, glanced))
-        else:    # a rival of what is named was the first
-            named = sought([e for e in effects if e.name in names])
-            by = named if names_all(verdict, named.found) else by
+        named = narrowed(full, by.search, names, glanced)
+        if not names <= {"unknown", *(one.name for one in by.found)}:
+            # a rival of what is named was the first
+            begun = (named.account, named.path) if len(named.path.found) > len(
+                found.found) else (start, found)
+            named = sought(*begun, [e for e in effects if e.name in names])
+        by = described(named)
     final, after = by.search.account, by.search.after
     seen = max(np.sum(~np.isnan(as_read(full, start.readings).y)), 1)
     more = final.signatures or len(final.member.effects) > len(start.member.effects)
