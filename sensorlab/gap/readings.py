@@ -440,8 +440,8 @@ def _tie_by_chance(start, length, samples):
     are: it is that a single tie goes on, and one over how far it is to the next.
     """
     once, twice = start[length == 1], np.sum(length == 2)
-    if twice >= FEWEST:
-        return twice / max(len(once), twice)
+    if FEWEST <= twice < len(once):
+        return twice / len(once)
     if len(once) <= 2:
         return len(once) / samples
     # half of the distances are beyond the median; there are parts without ties, too
