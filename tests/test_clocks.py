@@ -16,7 +16,8 @@ RNG = np.random.default_rng(5)
     ("timestamp [ns]", "ns"), ("#timestamp [ns]", "ns"), ("time (s)", "s"),
     ("timestamp_\u00b5s", "us"), ("seconds", "s"), ("header/stamp [ns]", "ns"),
     ("Time since boot [usec]", "us"), ("SampleUS", "us"), ("t_sec", "s"),
-    ("seconds_elapsed", "s")])
+    ("seconds_elapsed", "s"), ("imu/time", ()), ("time [h]", "h"),
+    ("time [0.1 ms]", "0.1 ms"), ("t (1/100 s)", "0.01 s")])
 def test_a_clock_and_its_unit_are_known_by_name(name, unit):
     found = unit_of(name)
     assert found == unit or found[0] == unit
@@ -24,7 +25,7 @@ def test_a_clock_and_its_unit_are_known_by_name(name, unit):
 
 @pytest.mark.parametrize("name", ["error", "temperature", "s", "mag_t", "us", "",
                                   "settings", "rate [rad/s]", "gyro_x", "times_two",
-                                  "T", "T [degC]", "t0", "T_s"])
+                                  "T", "T [degC]", "t0", "T_s", "hour", "min"])
 def test_what_is_no_clock_is_not_taken_for_one(name):
     assert unit_of(name) is None
 
@@ -159,3 +160,42 @@ def test_the_bursts_of_a_real_serial_port(real):
     assert found.slots is None and "at the mean rate, 99.32 Hz" in found.said
     with np.load(real / "xsens_mti_multipos.npz") as z:    # 9.0 to 10.4 ms
         assert_allclose(clock("t", z["t"]).dt, 0.01, rtol=2e-4)
+
+
+@pytest.mark.parametrize("rate, apart", [(833, 1e-3), (952, 1e-3), (800, 1e-3),
+                                         (75, 0.01), (67.3, 0.01)])
+def test_stamps_coarser_than_an_interval_are_even(rate, apart):
+    found = clock("time", apart * np.floor((np.arange(2000) / rate) / apart + 0.3))
+    assert found.slots is None and found.dt == pytest.approx(1.0 / rate, rel=1e-4)
+
+
+def test_samples_that_are_lost_at_random_are_missing():
+    kept = np.flatnonzero(np.random.default_rng(5).random(3000) > 0.1)
+    found = clock("time", 0.001 * kept)
+    assert found.dt == pytest.approx(0.001) and len(found.placed(kept)) == 1 + (
+        kept[-1] - kept[0])
+
+
+def test_stamps_of_single_precision_are_even():
+    found = clock("time", (1e5 + 0.01 * I).astype(np.float32))
+    assert found.slots is None and found.dt == pytest.approx(0.01, rel=1e-4)
+
+
+def test_a_clock_of_two_rates_is_uneven():
+    t = np.append(0.01 * np.arange(1500), 15.0 + np.arange(1500) / 70)
+    with pytest.raises(ValueError, match="uneven: the step .* 0.0142857 s where 0.01"):
+        clock("time", t)
+
+
+def test_whole_seconds_tell_the_mean_rate_and_stand_against_no_interval():
+    found = clock("secs", np.floor(0.02 * I))
+    assert not found.even and found.dt == pytest.approx(0.02, rel=3e-3)
+    found = clock("secs", np.floor(0.01 * np.arange(3000)))    # most steps are 0
+    assert not found.even and found.dt == pytest.approx(0.01, rel=2e-3)
+
+
+@pytest.mark.parametrize("time", [
+    (np.arange(200) * 300 - 32000).astype(np.int16),
+    pd.to_timedelta(300 * np.arange(200), unit="s").to_numpy()])
+def test_small_integers_and_durations_are_clocks(time):
+    assert clock("time [s]", time).dt == pytest.approx(300.0)

@@ -446,6 +446,48 @@ def test_a_record_is_converted_to_the_unit_of_the_model(folder, capsys):
     assert "verdict: none" in said and "as data sheets quote it" in said
 
 
+def test_the_unit_of_a_header_is_converted_and_not_contradicted(folder, capsys):
+    pathlib.Path("h.json").write_text(json.dumps(MODEL | {"unit": "deg/s", "dt": 0.01}))
+    y = np.load("r.npz")["error"][:600]
+    np.savez("d.npz", error=y, dt=0.01)
+    assert main("identify d.npz --model h.json".split()) == 0
+    _, *same = capsys.readouterr().out.splitlines()
+    for encoding in ("utf-8", "cp1252"):
+        pathlib.Path("r.csv").write_text("time [\u00b5s],error [rad/s],ax\n" + "".join(
+            f"{10000 * k},{v},{v}\n" for k, v in enumerate(np.radians(y).tolist())),
+            encoding=encoding)
+        for options in ("", " --unit rad/s"):
+            assert main(f"identify r.csv --model h.json{options}".split()) == 0
+            first, *rest = capsys.readouterr().out.splitlines()
+            assert "dt 10 ms from time" in first and rest[:len(same)] == same
+    for line, message in (
+            ("--unit deg/s", "is in rad/s, --unit is deg/s: leave --unit out"),
+            ("--unit mg", "is in rad/s, --unit is mg: leave --unit out"),
+            ("--column ax --unit deg/s", "ax is an accelerometer by its name")):
+        assert main(f"identify r.csv {line}".split()) == 2
+        assert message in capsys.readouterr().err
+    assert main("identify r.csv --unit deg/s --scale 57.2958".split()) == 0
+    capsys.readouterr()
+
+
+def test_a_part_ends_where_it_says_in_decimal_digits(folder):
+    from sensorlab.commands import options, shared
+    for last in range(1, 60):
+        parsed = options.parser().parse_args(
+            f"identify r.npz --dt 0.1 --to {last / 10} --from 0".split())
+        (record,) = shared.read_each(parsed)
+        assert len(record.error) == last
+
+
+def test_a_counter_is_no_covariate(folder):
+    from sensorlab import read_record
+    y = np.load("r.npz")["error"][:300]
+    np.savez("n.npz", error=y, packet=7 + 2 * np.arange(300), flag=np.ones(300),
+             voltage=5.0 + 1e-3 * np.arange(300), dt=0.1)
+    assert set(read_record("n.npz", beside=None).columns) == {"flag", "voltage"}
+    assert set(read_record("n.npz", beside=("packet",)).columns) == {"packet"}
+
+
 @pytest.mark.parametrize("line, message", [
     ("identify r.npz --report deg/h", "give it with --unit"),
     ("identify r.npz --unit m", "neither an angular rate nor an acceleration"),

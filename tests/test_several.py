@@ -215,7 +215,7 @@ def test_a_simulator_known_by_a_recording_is_in_the_unit_of_the_record(imu, caps
     (record,) = shared.read_each(parsed)
     (rows,) = shared.simulated_records(parsed, record)
     np.testing.assert_allclose(rows, 0.5 * np.sin(t).reshape(-1, 2).mean(1))
-    parsed.column, parsed.average = "ax", 1
+    parsed.column, parsed.average, parsed.unit = "ax", 1, "mg"
     (record,) = shared.read_each(parsed)    # no such column there: rows of error
     assert shared.simulated_records(parsed, record).shape == (2, N)
     pathlib.Path("sim.csv").write_text("time,gx [rad/s]\n" + "".join(

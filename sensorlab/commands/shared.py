@@ -102,14 +102,20 @@ def _apart(one, other):
 def _part(record, options):
     """The part of a record between --from and --to, averaged by --average."""
     N, m = len(record.error), options.average
-    first = 0 if options.start is None else int(np.ceil(options.start / record.dt))
-    last = N if options.end is None else int(np.floor(options.end / record.dt))
+    # 0.3 s are three samples of 0.1 s, whatever their quotient is in binary digits
+    first = 0 if options.start is None else int(np.ceil(
+        options.start / record.dt - ROUNDING))
+    last = N if options.end is None else int(np.floor(
+        options.end / record.dt + ROUNDING))
     last = min(last, N) - max(min(last, N) - first, 0) % m
     if not 0 <= first < last:
         raise ValueError(f"--from, --to and --average {m} leave nothing of the "
                          f"{N * record.dt:g} s of {record.file}")
 
     return _averaged(record, m, slice(first, last))
+
+
+ROUNDING = 1e-6    # of a sample
 
 
 def _averaged(record, m, part):
@@ -179,7 +185,8 @@ def _of_kind(values, option, record, options):
 def in_unit(record, options, model=None):
     """The record times --scale, in the unit of the model if it has one.
 
-    The unit is that of the model, else --unit, else that of the file, else "u".
+    The unit is that of the model, else --unit, else that of the file, else "u". What
+    the file says is no other unit than --unit, unless --scale makes it that.
     """
     times = _of_kind(options.scale, "scale", record, options)
     if not (np.isfinite(times) and times):
@@ -187,9 +194,14 @@ def in_unit(record, options, model=None):
                          "needed")
     given = options.unit and _of_kind(options.unit.split(","), "unit", record, options)
     unit = given or record.unit or "u"
+    if times == 1.0 and given and _is_other(record.unit, given):
+        raise ValueError(f"{record.column} of {record.file} is in {record.unit}, --unit "
+                         f"is {given}: leave --unit out, or give --scale as well")
+    if given:
+        _check_kind(record.column, given)
     if model and model.unit != "u":
-        if given:
-            times *= factor(given, model.unit)
+        if unit not in ("u", model.unit) and (given or times == 1.0):
+            times *= factor(unit, model.unit)
         unit = model.unit
     record = record._replace(error=times * record.error, unit=unit)
     if options.unit or options.report:
@@ -198,6 +210,35 @@ def in_unit(record, options, model=None):
                              "give it with --unit")
         check_report(unit, report_units(options, record))
     return record
+
+
+def _is_other(own, given):
+    """Is the unit that a file says another one than what is given? One that is none of
+    a gyroscope or an accelerometer, such as counts, may be.
+    """
+    try:
+        return bool(own) and not np.isclose(factor(own, given), 1.0)
+    except ValueError:
+        return bool(_kind(own) and _kind(given))
+
+
+def _kind(unit):
+    """"gyroscope", "accelerometer" or "", whichever has records in this unit."""
+    try:
+        return kind_of(unit)
+    except ValueError:
+        return ""
+
+
+def _check_kind(column, unit):
+    """Refuse a unit of one kind of sensor for a channel that is the other by name."""
+    kind = _kind(unit)
+    own, other, said = ((GYRO, ACCEL, "an accelerometer") if kind == "gyroscope" else
+                        (ACCEL, GYRO, "a gyroscope"))
+    if kind and other.search(column) and not own.search(column):
+        raise ValueError(f"{column} is {said} by its name, {unit} the unit of a {kind}:"
+                         " give a unit for each kind, such as --unit deg/s,mg, or one "
+                         "channel with --column")
 
 
 def report_units(options, record):

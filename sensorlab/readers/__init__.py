@@ -248,6 +248,10 @@ SAME = 0.01    # relative: two sampling intervals that are the same
 
 def _given(channel, dt):
     """The clock of a sampling interval that was given, if no even stamps disagree."""
+    try:
+        dt = float(np.squeeze(dt))
+    except (TypeError, ValueError):
+        raise ValueError(f"dt is {dt!r}: a number of seconds is needed") from None
     stamps = clocks.stamps(channel.group.arrays, channel.group.clock,
                            len(channel.values))
     try:
@@ -256,10 +260,10 @@ def _given(channel, dt):
         clock = None
     # a unit that was only guessed is none
     units = 10.0**np.arange(-9, 10, 3) if clock and clock.guess else 1.0
-    if clock and not np.any(np.abs(units * clock.dt - dt) <= SAME * dt):
+    if clock and clock.even and not np.any(np.abs(units * clock.dt - dt) <= SAME * dt):
         raise ValueError(f"{stamps[0]} says dt = {clock.dt:g} s, but {dt:g} s is given:"
                          " leave one of the two out")
-    return clocks.Clock(float(dt), f"dt {clocks.duration(dt)} as given")
+    return clocks.Clock(dt, f"dt {clocks.duration(dt)} as given")
 
 
 def _number(name, x):

@@ -14,13 +14,17 @@ UNITS = {    # word of a name -> (unit, s)
     **dict.fromkeys(("us", "\u00b5s", "\u03bcs", "usec", "usecs", "micros",
                      "microsecond", "microseconds"), ("us", 1e-6)),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"),
-                    ("ns", 1e-9))}
+                    ("ns", 1e-9)),
+    **dict.fromkeys(("min", "mins", "minute", "minutes"), ("min", 60.0)),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), ("h", 3600.0))}
 CLOCKS = {"time", "times", "timestamp", "timestamps", "stamp", "t", "date", "datetime",
           "utc", "epoch", "clock"}
 BESIDE = {"host", "sensor", "device", "system", "log", "boot", "gps", "local", "unix",
           "ros", "header", "since", "start", "elapsed", "in", "of", "the", "sample",
           "sampling", "arrival", "received", "recorded"}
 WORDS = re.compile("(?:[A-Z]+(?![a-z])|[A-Z]?[a-z\u00b5\u03bc]+)[0-9]*")
+FOLDERS = re.compile(r"^[^\[(]*/")    # before the name, as of a struct in a struct
+MULTIPLE = re.compile(r"[\[(]\s*(\d*\.?\d+)(?:/(\d*\.?\d+))?\s*[a-zA-Z\u00b5\u03bc]")
 EPOCH = 9.4e8, 4.2e9    # s: the years 1999 to 2103
 
 
@@ -28,13 +32,23 @@ def unit_of(name):
     """(unit, s) of a clock by its name, such as timestamp [ns] or TimeUS; () where the
     name says none, None where it is the name of no clock.
     """
-    words = {word.lower() for word in WORDS.findall(name) if word != "T"}
+    words = {word.lower() for word in WORDS.findall(FOLDERS.sub("", name))
+             if word != "T"}
     units = sorted(words & UNITS.keys())
     if len(units) < 2 and words - {*units} <= CLOCKS | BESIDE and (
-            words & CLOCKS or any(len(unit) > 2 for unit in units)
-            or words == {"sample", "us"}):
-        return UNITS[units[0]] if units else ()
+            words & CLOCKS or words == {"sample", "us"}    # an hour may be of a day
+            or any(len(unit) > 2 and UNITS[unit][1] <= 1.0 for unit in units)):
+        return _multiple(name, *UNITS[units[0]]) if units else ()
     return None
+
+
+def _multiple(name, unit, scale):
+    """A unit and its scale, s, with the number that may stand before it: [0.1 ms]."""
+    number = MULTIPLE.search(name)
+    if not number:
+        return unit, scale
+    over, under = (float(part or 1.0) for part in number.groups())
+    return f"{over / under:g} {unit}", scale * over / under
 
 
 def tells_time(name):
@@ -51,6 +65,7 @@ class Clock(NamedTuple):
     slots: np.ndarray = None    # (N,) place of every sample on the grid, a whole number
                                 # or, where it is to be interpolated, not; None: in turn
     guess: str = ""             # unit of the stamps, where only their size tells it
+    even: bool = True           # do the stamps themselves lie on that grid?
 
     def placed(self, x):
         """Values (N,) on the grid; NaN where there is none."""
@@ -73,6 +88,9 @@ CLEAN = 0.25    # of an interval: steps this near to a multiple of it leave no d
 MOST = 100      # times as many samples as there are: a record with more gaps is none
 OFTEN = 0.02    # of the steps: a gap that comes again and again
 RARE = 0.01     # of the steps: gaps that come now and then
+REGULAR = 20    # gaps: as many come by chance in no such order that all stamps are
+WITHIN = 0.6    # of a usual step of an even clock, that a line through them is not exact
+ADRIFT = 0.005    # of a record, that its clock may gain or lose: it wanders
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -108,8 +126,12 @@ def clock(name, time, resample=False):
     usual = np.median(step) or step.mean()
     found = (_with_gaps(t, step, usual) or _with_jitter(t)
              or _in_pieces(t, step, usual) or _in_bursts(t, step))
-    if found and found.slots is not None and np.mean(step > 1.5 * found.dt) > OFTEN:
-        found = _in_bursts(t, step) or found    # most of it missing, over and over
+    if found and found.slots is not None:
+        wide = step > 1.5 * found.dt
+        if wide.sum() >= REGULAR:    # steps of stamps that are coarser than an interval
+            found = _with_jitter(t, WITHIN * found.dt) or found
+        if found.slots is not None and wide.mean() > OFTEN:
+            found = _in_bursts(t, step) or found    # most of it missing, again and again
     if found is None and t[-1] / usual > MOST * len(t):
         raise ValueError(f"{len(t)} samples, usually {usual:g} s apart, are spread "
                          f"over {t[-1]:g} s: cut the gap after sample {step.argmax()} "
@@ -123,7 +145,7 @@ def clock(name, time, resample=False):
         dt = step.mean()
         if np.median(step) > 0.0:    # else most stamps stand still
             dt = step[step < WIDE * dt].mean()
-        found = Clock(dt, ", uneven, interpolated", t / dt)
+        found = Clock(dt, ", uneven, interpolated", t / dt, even=False)
     source += f", taken as {guess}" * bool(guess)
     return found._replace(said=f"dt {duration(found.dt)} from {source}{found.said}",
                           guess=guess)
@@ -135,16 +157,20 @@ def _with_gaps(t, step, usual):
     dt = t[-1] / count.sum()
     if np.abs(step - count * dt).max() > CLEAN * dt or count.sum() > MOST * len(t):
         return None
-    lost = int(count.sum()) - len(step)
-    return Clock(dt, "", np.append(0, np.cumsum(count)).astype(int) if lost else None)
+    slots = np.append(0, np.cumsum(count)).astype(int)
+    if np.abs(t - dt * slots).max() > max(0.5 * dt, ADRIFT * t[-1]):    # of two rates
+        return None
+    return Clock(dt, "", slots if slots[-1] > len(step) else None)
 
 
-def _with_jitter(t):
-    """The clock if no stamp is half an interval off, none missing."""
+def _with_jitter(t, most=None):
+    """The clock if no stamp is half an interval off, or `most`, s, none missing."""
     i = np.arange(len(t))
     dt, start = np.polyfit(i, t, 1)
-    off = np.abs(t - start - dt * i).max() / dt
-    return Clock(dt, f", off by up to {100 * off:.0f} % of it") if off <= 0.5 else None
+    off = np.abs(t - start - dt * i).max()
+    if off > (most or 0.5 * dt):
+        return None
+    return Clock(dt, f", off by up to {100 * off / dt:.0f} % of it")
 
 
 def _in_pieces(t, step, usual):
@@ -155,6 +181,8 @@ def _in_pieces(t, step, usual):
     if not 0 < gap.sum() <= RARE * len(step):
         return None
     i, dt = np.arange(len(t)), step[~gap].mean()
+    if not dt:    # stamps stand still
+        return None
     first = np.append(0, np.flatnonzero(gap) + 1)
     off = t / dt - i
     low, high = np.minimum.reduceat(off, first), np.maximum.reduceat(off, first)
@@ -173,11 +201,14 @@ def _in_bursts(t, step):
     """
     i = np.arange(len(t))
     usual, dt = np.median(step), t[-1] / i[-1]
+    if not usual:    # stamps stand still, the last for a part of its time
+        dt = np.polyfit(i, t, 1)[0]
     off = np.abs(t - dt * i).max()
     if usual > 0.5 * dt or off > min(max(200 * dt, 1e-3 * t[-1]), 0.1 * t[-1]):
         return None
     return Clock(dt, f" at the mean rate, {1 / dt:.4g} Hz: the stamps come in bursts, "
-                     f"usually {duration(usual)} apart, up to {off:.2g} s off")
+                     f"usually {duration(usual)} apart, up to {off:.2g} s off",
+                 even=False)
 
 
 def stamps(arrays, known, samples):
@@ -212,6 +243,8 @@ def _counted(name, time):
     """Stamps as numbers, their unit in s, what they are in words, and the name of the
     unit where their size tells it and is not s.
     """
+    if time.dtype.kind == "m":    # since the start
+        time = time.astype("timedelta64[ns]") + np.datetime64(0, "ns")
     if time.dtype.kind not in "iufM":
         time = _dates(name, time)
     dates = time.dtype.kind == "M"
@@ -223,7 +256,7 @@ def _counted(name, time):
         time = time.astype("datetime64[ns]").astype(np.int64)
         return time, 1e-9, f"{name}, dates", ""
     unit, scale = unit_of(name) or _plausible(time)
-    if time.dtype.kind == "u":
+    if time.dtype.kind in "iu":
         time = time.astype(np.int64)
     return time, scale, name, "" if unit_of(name) or unit == "s" else unit
 

@@ -23,7 +23,8 @@ def beside(groups, channel, wanted=None):
     """
     own, axes = _of_group(channel)
     if wanted is None:
-        return {name: x for name, x in own.items() if name not in axes}, axes
+        return {name: x for name, x in own.items() if name not in axes
+                and not _counts(x)}, axes
     chosen = {}
     for part in wanted:
         new, _, old = part.rpartition("=")
@@ -60,6 +61,13 @@ def _of_group(channel):
             if is_axis and c.name in of_axes and name not in NAMED:
                 axes.append(name)
     return found, tuple(axes)
+
+
+def _counts(x):
+    """Does a column only count the samples?"""
+    step = np.diff(x)
+    return len(step) > 1 and step[0] > 0.0 and bool((step == step[0]).all()) and (
+        x[0] == round(x[0]) and step[0] == round(step[0]))
 
 
 def _of_another(groups, channel, wanted, own):

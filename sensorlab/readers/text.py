@@ -6,6 +6,7 @@ comments, but the last above the numbers may be the header, as in EuRoC's
 """
 
 import bz2
+import codecs
 import csv
 import gzip
 import io
@@ -70,10 +71,22 @@ def _opened(file):
     """The text of a file, unpacked."""
     kind = file.suffix.lower()
     stream = PACKED[kind](file) if kind in PACKED else open(file, "rb")
-    start = stream.read(2)
+    start = stream.read(LONG)
     stream.seek(0)
-    encoding = ("utf-16" if start in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
-    return io.TextIOWrapper(stream, encoding, errors="replace", newline="")
+    return io.TextIOWrapper(stream, _encoding(start), errors="replace", newline="")
+
+
+def _encoding(start):
+    """The encoding of a text by its first bytes: some loggers write that of Windows,
+    where the sign of micro or of a degree is one byte.
+    """
+    if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(start)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def _cells(line, separator):
