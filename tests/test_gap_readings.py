@@ -456,3 +456,25 @@ def test_a_converter_is_simulated_as_it_was_read():
     assert d.after.p_value > 0.01 and d.closure.closed > 0.7
     d = sensorlab.diagnose(first, DT, sensorlab.augmented(d))
     assert d.verdict == "none"
+
+
+@pytest.mark.parametrize("level", [0.0, 0.03])
+def test_a_step_between_counts_coarser_than_the_noise_leaves_nothing(level):
+    rng = np.random.default_rng(3)
+    y = level + 0.05 * rng.standard_normal(4000)
+    y[2400:] += 0.08
+    d = sensorlab.diagnose(np.round(y, 1), 0.01, [
+        sensorid.hypothesis("white_noise", sigma_v=(0.02, 0.2))])
+    assert d.verdict == "quantization+bias_step"
+    assert d.after.p_value > 0.01 and d.closure.closed > 0.9
+    model = sensorlab.augmented(d)
+    assert {one.name for one in model.effects[0]} == {"quantization", "bias_step"}
+
+
+def test_what_a_logger_writes_for_no_value_is_no_limit():
+    y = np.random.default_rng(5).standard_normal(3000)
+    y[[100, 1500, 2500]] = -99.0
+    assert readings.readings(Scene(y, DT, {})) == ()
+    assert catalogue.lattice(np.where(np.arange(3000) == 7, 2.0**31, y)) == 0.0
+    with pytest.raises(ValueError, match=r"sample 7 is 2.14748e\+09, where half of"):
+        sensorlab.diagnose(np.where(np.arange(3000) == 7, 2.0**31, y), DT, WHITE)

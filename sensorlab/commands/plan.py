@@ -32,6 +32,9 @@ def run(options):
     duration = AHEAD * now if options.duration is None else options.duration
     hypotheses = model.simulator.hypotheses if model else for_longer(
         default_hypotheses(record.error, record.dt, names), max(duration / now, 1.0))
+    if not any(p.free for h in hypotheses for p in h.parameters):
+        raise ValueError(f"{options.model}: all parameters are known; a range [low, "
+                         "high] is needed for what a longer record is to tell")
     chosen = _chosen(hypotheses, wanted)
     outlooks = outlook(record.error, record.dt, hypotheses, duration, options.trials,
                        options.seed, progress_bar)

@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.catalogue import beside, join
-from sensorlab.gap.effects import Effect, Found, Simulator
+from sensorlab.gap.effects import Effect, Found, Simulator, signature_of
 from sensorlab.gap.evidence import effort, integrate, log_sum, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, predict
 from sensorlab.gap.mixtures import smoothed
@@ -353,6 +353,30 @@ def as_simulated(acc, scene, theta, widths=None):
     sized = with_sizes(acc, scene, thetas)
     return Simulator(*zip(*(_with_numbers(acc, one, widths, own)
                             for one, own in zip(thetas, sized))))
+
+
+def _ones(scene, x, psi):
+    return [("", np.ones((len(scene.y), 1)))]
+
+
+LEVEL = Effect("level", columns=_ones)
+
+
+def in_place(simulator, acc, scene):
+    """The simulator of an account with a constant, so that its records lie where that
+    of the scene does, of which the mean was taken off: what coarse counts or limits do
+    hangs on it, and signatures have a mean of their own.
+    """
+    if not (any(r.placed for r in acc.readings) and acc.signatures
+            and acc.bases[acc.best].bias_sigma):    # without, it lies where it does
+        return simulator
+    seen, effects = ~np.isnan(scene.y), []
+    for own in simulator.effects:
+        mean = sum(np.mean(signature_of(scene, one, {
+            symbol: p.low for symbol, p in one.values.items()})[seen])
+            for one in own if one.effect.columns)
+        effects.append((*own, Found(LEVEL, values=dict(size=-mean))))
+    return simulator._replace(effects=tuple(effects))
 
 
 def _with_numbers(acc, theta, widths, sized):

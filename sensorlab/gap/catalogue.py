@@ -505,8 +505,8 @@ def _lattice_of(y):
     if count[count > 1].sum() > MOSTLY * count.sum():    # some were added to, later
         values = values[count > 1]
     values = values - values[len(values) // 2]
-    step = np.diff(values)
-    step = np.sort(step[step > 1e-9 * np.ptp(values)])
+    step, far = np.diff(values), len(values) // 100    # a wrong word may lie far out
+    step = np.sort(step[step > 1e-9 * np.ptp(values[far:len(values) - far])])
     if len(step) == 0:
         return 0.0
     # steps of one scale lie together: within a lattice, or between what digits blurred

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from sensorid import allan_deviation, allan_variance, brief
 from sensorlab.gap.account import (
-    LEVEL_AS_NOISE, STEPS_AS_WALK, as_simulated, gaussian)
+    LEVEL_AS_NOISE, STEPS_AS_WALK, as_simulated, gaussian, in_place)
 from sensorlab.gap.closure import threshold
 from sensorlab.gap.effects import BLOCK, LONG_RECORD, signature_of, simulate_effects
 from sensorlab.gap.filters import predict, processes, solve
@@ -190,8 +190,8 @@ def _bands(d):
     m = np.round(tau / scene.dt).astype(int)
     frequency, density = noise_density(scene.y[None], scene.dt)
     accounts = [(d.base, d.before)] + [(d.final, d.after)] * bool(d.found)
-    bands = [_simulated(scene, as_simulated(acc, scene, gap.theta), m)
-             for acc, gap in accounts]
+    bands = [_simulated(scene, in_place(as_simulated(acc, scene, gap.theta), acc,
+                                        scene), m) for acc, gap in accounts]
     bands += [(None, None)] * (2 - len(bands))
     return tuple(Banded(x, own, *before_and_after) for x, own, before_and_after in zip(
         (tau, frequency), (adev, density[0]), zip(*bands)))

@@ -10,7 +10,7 @@ from scipy.stats.qmc import LatinHypercube
 from sensorid import (
     Parameter, as_samples, at_quantiles, brief, free_columns, mean_square,
     one_thread_if, random_walk, rate_ramp)
-from sensorlab.gap.account import Account, account, as_simulated, fixed
+from sensorlab.gap.account import Account, account, as_simulated, fixed, in_place
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
@@ -176,8 +176,8 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     return Diagnosis(
         full, verdict, causes, known, base, final, by.found, by.parts, before, after,
         by.closure, by.directed, closed_by_any(before), by.rest,
-        drift(full, [as_simulated(acc, full, gap.theta) for acc, gap in (
-            (base, before), (final, after))], seed),
+        drift(full, [in_place(as_simulated(acc, full, gap.theta), acc, full)
+                     for acc, gap in ((base, before), (final, after))], seed),
         float((final.log_evidence - start.log_evidence) / seen),
         held_out(full, start, final, trials or enough_trials(full) // 2, seed + 2)
         if more or final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis
@@ -404,6 +404,16 @@ def check_scene(y, dt, columns):
                          f"{MIN_SAMPLES} finite ones that are not all the same are "
                          "needed")
     check_columns(y, columns)
+    low, middle, high = np.quantile(seen, [0.25, 0.5, 0.75])
+    off = np.abs(y - middle)
+    if high > low and np.nanmax(off) > NO_READING * (high - low):
+        k = int(np.nanargmax(off))
+        raise ValueError(f"sample {k} is {y[k]:g}, where half of the record lies from "
+                         f"{low:g} to {high:g}: no sensor reads that; mark it as "
+                         "missing, by NaN or an empty value and --allow-missing")
+
+
+NO_READING = 1e6    # times the spread of a record: a shock to full scale is 10^5
 
 
 def check_columns(y, columns):

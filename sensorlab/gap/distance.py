@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief, free_columns, side_by_side
-from sensorlab.gap.account import as_simulated, gaussian
+from sensorlab.gap.account import as_simulated, gaussian, in_place
 from sensorlab.gap.catalogue import quantize
 from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene, simulate_effects
 from sensorlab.gap.filters import (
@@ -99,7 +99,8 @@ class _Setting(NamedTuple):
     def simulator(self, theta):
         """That of the account at theta, or, all equally probable, at each of several.
         """
-        return as_simulated(self.acc, self.fitted, theta)
+        return in_place(as_simulated(self.acc, self.fitted, theta), self.acc,
+                        self.fitted)
 
 
 def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):

@@ -245,9 +245,22 @@ def _clipped(y, lsb, noise):
         full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
             lsb > 0.0 and lsb >= COARSE * noise and count >= least and _piles_up(
                 np.abs(end - seen) / lsb))
+        full = full and _is_near(end, seen, lsb)
         limits.append(float(end) if full else sign * np.inf)
         clipped |= at_end & full
     return limits, clipped
+
+
+APART = 5.0    # standard deviations of the noise: what is farther out was never clipped
+
+
+def _is_near(end, seen, lsb):
+    """Do other values of a record come near its end? If not, that is what a logger
+    writes where it has no value.
+    """
+    others = seen[seen != end]
+    noise = np.sqrt(np.mean(np.diff(others)**2) / 2.0) if len(others) > 1 else 0.0
+    return np.abs(end - others).min(initial=np.inf) <= max(APART * noise, 1.5 * lsb)
 
 
 FEWEST_NEXT, MOST_NEXT = 4, 8    # codes next to the last one, that foretell it
@@ -389,8 +402,9 @@ def _stuck(y, lsb, noise, clipped):
     tie = _stays(lsb, noise) if lsb else _tie_by_chance(start, length, len(y))
     own = length >= _more_than_chance(tie, len(y))
     start, length = start[own], length[own]
-    while lsb and len(start):    # noise may change: that nearby counts
-        tie = _stays(lsb, less_rounding(_noise_near(y, start, length), lsb))
+    while lsb and len(start):    # noise, and counts, may change: those nearby tell
+        noise, ties = _nearby(y, start, length)
+        tie = np.maximum(_stays(lsb, less_rounding(noise, lsb)), ties)
         own = length >= _more_than_chance(tie, len(y))
         if own.all():
             break
@@ -417,22 +431,25 @@ def _stays(lsb, noise):
         lsb / np.maximum(2.0 * np.sqrt(2.0) * noise, lsb)), 1.0)
 
 
-def _noise_near(y, start, length):
+def _nearby(y, start, length):
     """Standard deviations of the white noise next to runs of equal values of that first
-    sample and length, where it is calmer: before or behind them, the runs left out.
+    sample and length, where it is calmer: before or behind them, the runs left out; and
+    the share of samples there that equal the last, where it is larger.
     """
     step = np.abs(np.diff(y, prepend=np.nan))
     for begin, n in zip(start, length):
         step[begin:begin + n] = np.nan
     own = ~np.isnan(step)
-    total, at = np.append(0.0, np.cumsum(step[own])), np.append(0, np.cumsum(own))[
-        start]
-    means = []
-    for first, last in ((np.maximum(at - CALM, 0), at), (
-            at, np.minimum(at + CALM, len(total) - 1))):
-        means.append(np.where(last - first < FEWEST, np.inf, (
-            total[last] - total[first]) / np.maximum(last - first, 1)))
-    return np.minimum(*means) * np.sqrt(np.pi) / 2.0
+    at = np.append(0, np.cumsum(own))[start]
+    first, last = np.maximum(at - CALM, 0), np.minimum(at + CALM, own.sum())
+
+    def mean(x, nothing):
+        total = np.append(0.0, np.cumsum(x))
+        return [np.where(end - begin < FEWEST, nothing, (
+            total[end] - total[begin]) / np.maximum(end - begin, 1))
+            for begin, end in ((first, at), (at, last))]
+    return (np.minimum(*mean(step[own], np.inf)) * np.sqrt(np.pi) / 2.0,
+            np.maximum(*mean(step[own] == 0.0, 0.0)))
 
 
 def _tie_by_chance(start, length, samples):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief
-from sensorlab.gap.account import Account, account, as_simulated
+from sensorlab.gap.account import Account, account, as_simulated, in_place
 from sensorlab.gap.causes import (
     Cause, further_causes, largest_bayes, pushes, search_cost, without)
 from sensorlab.gap.costs import heard_by, say
@@ -108,7 +108,8 @@ def _by_rounding(full, acc, theta):
     an account at theta, which has no such effect: what rounding to counts coarser than
     the noise adds is no white noise, and may look like one.
     """
-    simulator = as_simulated(acc, as_read(full, acc.readings), theta)
+    scene = as_read(full, acc.readings)
+    simulator = in_place(as_simulated(acc, scene, theta), acc, scene)
     number = HELD_AGAINST * enough_trials(full) // TRIALS
     drawn = simulate_effects(simulator, full, number, THEIR_SEED).error
 
