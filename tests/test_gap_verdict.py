@@ -40,6 +40,14 @@ def test_what_is_in_most_of_the_probable_sets_is_named():
     assert verdict(unknown=0.45, outliers=0.35, none=0.2) == "undecided"
 
 
+def test_two_that_take_each_others_place_are_both_named():
+    rivals = dict(temperature_and_blue_noise=0.34, temperature_and_wrong_parameter=0.33)
+    assert verdict(**rivals, temperature_and_noise_bursts=0.25, temperature=0.08
+                   ) == "temperature+blue_noise or wrong_parameter"
+    # unless it is as well without them
+    assert verdict(**rivals, temperature=0.33) == "temperature"
+
+
 def test_what_is_left_stands_beside_what_is_found():
     assert verdict(sinusoid_and_unknown=0.9, sinusoid=0.1) == "sinusoid+unknown"
     assert verdict(unknown=0.3, sinusoid_and_unknown=0.4, sinusoid=0.3

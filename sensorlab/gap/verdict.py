@@ -111,7 +111,8 @@ def named(causes):
 
 def split_families(causes):
     """(members, probability that any is there) of every family that is more probable
-    than not, but none of whose members is named.
+    than not, but none of whose members is named; of those, too, that are beside what is
+    named in nearly all sets, now one and now the other.
     """
     chance, sure, result = present(causes), named(causes), []
     for family in FAMILIES:
@@ -120,6 +121,15 @@ def split_families(causes):
         total = sum(c.probability for c in causes if set(c.effects) & set(family))
         if len(members) > 1 and total >= SURE and not set(family) & set(sure):
             result.append((tuple(members), total))
+    found = {*sure} - {"none", "unknown"}
+    alone = sum(c.probability for c in causes if {*c.effects} - {"unknown"} == found)
+    if found and not result and alone < RARE:
+        rest = sorted((e for e in chance if chance[e] >= RARE and e not in (
+            *sure, "none", "unknown")), key=lambda e: -chance[e])
+        for number in range(2, len(rest) + 1):
+            total = sum(c.probability for c in causes if {*c.effects} & {*rest[:number]})
+            if total >= SURE:
+                return [(tuple(rest[:number]), total)]
     return result
 
 
