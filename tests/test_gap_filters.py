@@ -177,6 +177,21 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
     assert_allclose(p.log_likelihood[0, 0], np.log(total), rtol=1e-10)
 
 
+@pytest.mark.parametrize("name, own", [("random_telegraph", (4.0, 1.5)),
+                                       ("noise_bursts", (7.0, 3.0, 1.5))])
+def test_a_level_beside_a_pair_of_states_whose_noises_are_correlated(name, own):
+    scene = Scene(np.random.default_rng(2).standard_normal(100), DT, {})
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0)).with_effect(
+        CATALOGUE["bandwidth"], "second order").with_effect(CATALOGUE[name])
+    one = filters.log_likelihoods(h, scene, (), np.array([[1.0, DT, *own]]))
+    # with more states than are unrolled, of which some do nothing
+    for _ in range(3):
+        h = h.with_effect(CATALOGUE["correlated_noise"])
+    still = 3 * (5.0, 1e-12)
+    assert_allclose(one, filters.log_likelihoods(
+        h, scene, (), np.array([[1.0, DT, *own, *still]])), rtol=1e-8)
+
+
 def test_bursts_of_noise_in_white_noise_are_a_hidden_markov_chain():
     h = sensorid.hypothesis("white_noise", sigma_v=0.5, bias_sigma=0.0)
     y = np.random.default_rng(2).standard_normal(10)

@@ -253,16 +253,18 @@ def _bandwidth(scene, filt, tau, variant=""):
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
-    decay = np.minimum(scene.dt / tau / np.sqrt(2.0), NO_MEMORY)
-    # poles beyond a fourth of a turn would let pass what is fast, and stop the rest
-    pole = np.exp(-decay + 1j * np.minimum(decay, 0.5 * np.pi))
-    first, second = 2.0 * pole.real, -abs(pole)**2
-    gain = (1.0 - first - second) * white
-    variance = (1.0 - second) * gain**2 / (
-        (1.0 + second) * ((1.0 - second)**2 - first**2))
-    both = variance * first / (1.0 - second)
-    return _added(rest, _pair([[first, second], [1.0, 0.0]], [[gain], [0.0]],
-                              [1.0, 0.0], [[variance, both], [both, variance]]))
+    # V and another state, which alone is driven, turn as fast as they decay: A P + P A'
+    # + b b' = 0 with b = (0, 1) has P in the ratio of 1, -1 and 3
+    pole = np.exp((-1.0 + 1j) * np.minimum(scene.dt / tau / np.sqrt(2.0), NO_MEMORY))
+    c, s, tail = pole.real, pole.imag, pole / (1.0 - pole)
+    sd = white / np.sqrt(1.0 + 2.0 * (tail.real + tail.imag))    # of V, its sum that
+    first = np.sqrt(1.0 - c * c - 2.0 * c * s - 3.0 * s * s)     # of v over all lags
+    both = (c * c + 2.0 * c * s - s * s - 1.0) / first
+    second = np.sqrt(np.maximum(
+        3.0 - 3.0 * c * c + 2.0 * c * s - s * s - both**2, 0.0))
+    return _added(rest, _pair([[c, -s], [s, c]], [
+        [sd * first, 0.0], [sd * both, sd * second]], [1.0, 0.0], [
+        [sd**2, -sd**2], [-sd**2, 3.0 * sd**2]]))
 
 
 def _pair(Phi, Gamma, H, P0):

@@ -291,6 +291,7 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, moved, o
                 if pair[s] != s:
                     node[((2 if pair[s] < s else 3) * n + s) * LANES + g] = own[
                         1, at[g], s]
+                if pair[s] < s:
                     node[(4 * n + s) * LANES + g] = own[3, at[g], s]
                 for level in range(2):
                     k = 9 * n + level * n * n + s * n
