@@ -127,9 +127,10 @@ def split_families(causes):
         rest = sorted((e for e in chance if chance[e] >= RARE and e not in (
             *sure, "none", "unknown")), key=lambda e: -chance[e])
         for number in range(2, len(rest) + 1):
-            total = sum(c.probability for c in causes if {*c.effects} & {*rest[:number]})
+            members = tuple(rest[:number])
+            total = sum(c.probability for c in causes if {*c.effects} & {*members})
             if total >= SURE:
-                return [(tuple(rest[:number]), total)]
+                return [(members, total)]
     return result
 
 
