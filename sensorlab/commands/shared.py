@@ -195,8 +195,9 @@ def in_unit(record, options, model=None):
     given = options.unit and _of_kind(options.unit.split(","), "unit", record, options)
     unit = given or record.unit or "u"
     if times == 1.0 and given and _is_other(record.unit, given):
-        raise ValueError(f"{record.column} of {record.file} is in {record.unit}, --unit "
-                         f"is {given}: leave --unit out, or give --scale as well")
+        raise ValueError(f"{record.column} of {record.file} is in {record.unit}, "
+                         f"--unit is {given}: leave --unit out, or give --scale as well"
+                         )
     if given:
         _check_kind(record.column, given)
     if model and model.unit != "u":

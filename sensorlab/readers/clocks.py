@@ -89,7 +89,7 @@ MOST = 100      # times as many samples as there are: a record with more gaps is
 OFTEN = 0.02    # of the steps: a gap that comes again and again
 RARE = 0.01     # of the steps: gaps that come now and then
 REGULAR = 20    # gaps: as many come by chance in no such order that all stamps are
-WITHIN = 0.6    # of a usual step of an even clock, that a line through them is not exact
+WITHIN = 0.6    # of a usual step, that stamps of an even clock are off a line
 ADRIFT = 0.005    # of a record, that its clock may gain or lose: it wanders
 
 
@@ -131,7 +131,7 @@ def clock(name, time, resample=False):
         if wide.sum() >= REGULAR:    # steps of stamps that are coarser than an interval
             found = _with_jitter(t, WITHIN * found.dt) or found
         if found.slots is not None and wide.mean() > OFTEN:
-            found = _in_bursts(t, step) or found    # most of it missing, again and again
+            found = _in_bursts(t, step) or found    # most of it missing, over and over
     if found is None and t[-1] / usual > MOST * len(t):
         raise ValueError(f"{len(t)} samples, usually {usual:g} s apart, are spread "
                          f"over {t[-1]:g} s: cut the gap after sample {step.argmax()} "
