@@ -461,8 +461,8 @@ def test_the_unit_of_a_header_is_converted_and_not_contradicted(folder, capsys):
             first, *rest = capsys.readouterr().out.splitlines()
             assert "dt 10 ms from time" in first and rest[:len(same)] == same
     for line, message in (
-            ("--unit deg/s", "is in rad/s, --unit is deg/s: leave --unit out"),
-            ("--unit mg", "is in rad/s, --unit is mg: leave --unit out"),
+            ("--unit deg/s", "is in rad/s, not in deg/s: leave --unit out"),
+            ("--unit mg", "is in rad/s, not in mg: leave --unit out"),
             ("--column ax --unit deg/s", "ax is an accelerometer by its name")):
         assert main(f"identify r.csv {line}".split()) == 2
         assert message in capsys.readouterr().err

@@ -194,14 +194,14 @@ def in_unit(record, options, model=None):
                          "needed")
     given = options.unit and _of_kind(options.unit.split(","), "unit", record, options)
     unit = given or record.unit or "u"
-    if times == 1.0 and given and _is_other(record.unit, given):
-        raise ValueError(f"{record.column} of {record.file} is in {record.unit}, "
-                         f"--unit is {given}: leave --unit out, or give --scale as well"
-                         )
+    scaled = abs(times) != 1.0    # to whatever unit it is in then
+    if not scaled and given and _is_other(record.unit, given):
+        raise ValueError(f"{record.column} of {record.file} is in {record.unit}, not in"
+                         f" {given}: leave --unit out, or give --scale as well")
     if given:
         _check_kind(record.column, given)
     if model and model.unit != "u":
-        if unit not in ("u", model.unit) and (given or times == 1.0):
+        if unit not in ("u", model.unit) and (given or not scaled):
             times *= factor(unit, model.unit)
         unit = model.unit
     record = record._replace(error=times * record.error, unit=unit)

@@ -255,10 +255,12 @@ def _bandwidth(scene, filt, tau, variant=""):
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
     # V and another state, which alone is driven, turn as fast as they decay: A P + P A'
     # + b b' = 0 with b = (0, 1) has P in the ratio of 1, -1 and 3
-    pole = np.exp((-1.0 + 1j) * np.minimum(scene.dt / tau / np.sqrt(2.0), NO_MEMORY))
+    decay = np.minimum(scene.dt / tau / np.sqrt(2.0), NO_MEMORY)
+    pole = np.exp((-1.0 + 1j) * decay)
     c, s, tail = pole.real, pole.imag, pole / (1.0 - pole)
     sd = white / np.sqrt(1.0 + 2.0 * (tail.real + tail.imag))    # of V, its sum that
-    first = np.sqrt(1.0 - c * c - 2.0 * c * s - 3.0 * s * s)     # of v over all lags
+    first = np.sqrt(np.where(    # of v over all lags; a slow one moves little
+        decay > 1e-3, 1.0 - c * c - 2.0 * c * s - 3.0 * s * s, 8.0 / 3.0 * decay**3))
     both = (c * c + 2.0 * c * s - s * s - 1.0) / first
     second = np.sqrt(np.maximum(
         3.0 - 3.0 * c * c + 2.0 * c * s - s * s - both**2, 0.0))
