@@ -74,6 +74,16 @@ def test_a_line_that_moved_is_no_other_line(known):
         assert d.verdict == verdict
 
 
+@pytest.mark.large
+def test_a_line_that_all_their_records_have_at_one_frequency_is_missed_elsewhere():
+    own = np.array([sensor(np.random.default_rng(k)) for k in range(3)])
+    simulator = sensorlab.simulator_from(own, DT)
+    for line, verdict in ((0.9, "none"), (1.0, "sinusoid")):
+        y = sensor(np.random.default_rng(7), lines=(line,))
+        d = sensorlab.diagnose(y, DT, simulator, simulated=own)
+        assert d.verdict == verdict
+
+
 @pytest.mark.parametrize("added, verdicts, said", [
     (lambda i: i / 2000.0, ("rate_ramp", "rate_ramp or second_order_drift"),
      "neighbours are multiples"),

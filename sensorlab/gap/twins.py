@@ -46,8 +46,8 @@ class Twins:
             (own, seen), (acc, scene)))
         theirs = _largest(one, theirs)
         if one.effect.columns and _largest(one, known[:-1]) < LOST * theirs and abs(
-                one.values[size][0]) < LARGER * theirs:
-            return True    # it moved: what they have the record has not
+                one.values[size][0]) < LARGER * theirs and not self._all_have(one):
+            return True    # it moved, as from one of theirs to the next
         look = further_causes(seen, own, [one.effect])
         best = next((c.found[0] for c in look.causes if c.found), None)
         if look.account is None or best.column != one.column or not _is_like(
@@ -56,6 +56,13 @@ class Twins:
             return False
         self._describe(look.account)    # as the record is
         return True
+
+    def _all_have(self, one):
+        """Do several, all of them, have what is like an effect where the first has?"""
+        sizes = [_largest(one, with_sizes(acc, as_read(scene, acc.readings),
+                                          acc.theta[None])[0])
+                 for acc, scene in zip(self.accounts, self.scenes)]
+        return len(sizes) > 1 and min(sizes) > LOST * max(sizes)
 
 
 def _largest(one, signatures):
