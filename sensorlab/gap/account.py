@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.catalogue import beside, join
-from sensorlab.gap.effects import Effect, Found, Simulator, signature_of
+from sensorlab.gap.effects import Effect, Found, Simulator, known_values, signature_of
 from sensorlab.gap.evidence import effort, integrate, log_sum, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, predict
 from sensorlab.gap.mixtures import smoothed
@@ -372,9 +372,8 @@ def in_place(simulator, acc, scene):
         return simulator
     seen, effects = ~np.isnan(scene.y), []
     for own in simulator.effects:
-        mean = sum(np.mean(signature_of(scene, one, {
-            symbol: p.low for symbol, p in one.values.items()})[seen])
-            for one in own if one.effect.columns)
+        mean = sum(np.mean(signature_of(scene, one, known_values(one))[seen])
+                   for one in own if one.effect.columns)
         effects.append((*own, Found(LEVEL, values=dict(size=-mean))))
     return simulator._replace(effects=tuple(effects))
 

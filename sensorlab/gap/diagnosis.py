@@ -18,7 +18,7 @@ from sensorlab.gap.costs import check_memory, heard_by, say, share_heap
 from sensorlab.gap.distance import Gap, distance, enough_trials
 from sensorlab.gap.drift import drift
 from sensorlab.gap.effects import (
-    Found, Scene, Simulator, columns_of, members, psi_of, signature_of)
+    Found, Scene, Simulator, columns_of, known_values, members, psi_of, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing
@@ -239,16 +239,12 @@ def augmented(d):
     to, sample = d.final.member.in_units, d.final.sample
     width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(d.final.theta))
     (h,), (effects,) = as_simulated(d.final, d.scene, d.after.theta, width)
-    known = sum((signature_of(d.scene, one, _numbers(one)) for one in d.known), 0.0)
+    known = sum((signature_of(d.scene, one, known_values(one))
+                 for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))
     bias_sigma = h.bias_sigma or d.final.bases[d.final.best].hypothesis.bias_sigma
     h = h._replace(bias_sigma=max(bias_sigma, abs(offset)), bias_given=True)
     return Simulator((h,), ((*d.known, *effects),))
-
-
-def _numbers(one):
-    """Values of an effect of a simulator that has no ranges."""
-    return {symbol: getattr(p, "low", p) for symbol, p in one.values.items()}
 
 
 # ---- the simulator, and the record less what is known
@@ -308,7 +304,7 @@ def _without_known(simulator, raw, latent=None, centred=False):
             free.append(_of_unknown_size(raw, one))
         else:
             known.append(one)
-            added += signature_of(raw, one, _numbers(one))
+            added += signature_of(raw, one, known_values(one))
     y = raw.y - added
     bases = members(simulator, raw._replace(y=y))
     mean, spread, offset = float(np.nanmean(y)), float(np.nanstd(y)), 0.0
@@ -337,7 +333,7 @@ def _of_unknown_size(raw, one):
     effect = one.effect
     size = one.values[effect.size]
     sd = float(np.hypot(size.mean, size.sd) if isinstance(size, Parameter) else size)
-    numbers = {**_numbers(one), effect.size: sd}
+    numbers = {**known_values(one), effect.size: sd}
     return Signature(one._replace(values=numbers),
                      columns_of(raw, effect, one.column, one.variant,
                                 psi_of(raw, effect, numbers)), sd)

@@ -434,6 +434,11 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
     return drawn
 
 
+def known_values(one):
+    """Values of an effect of a simulator that has no ranges."""
+    return {symbol: getattr(p, "low", p) for symbol, p in one.values.items()}
+
+
 def signature_of(scene, one, value):
     """What an effect with columns adds (N,) at values of its parameters."""
     effect = one.effect
