@@ -88,6 +88,7 @@ import contextlib
 import functools
 import hashlib
 import inspect
+import operator
 import os
 import pathlib
 import pickle
@@ -130,12 +131,19 @@ def as_samples(y):
 
 
 MIN_SAMPLES = 16    # fewer say nothing of any correlated process
+SCALE = 1e-100, 1e100    # u, of values: beyond these their squares are no numbers
+
+
+def check_interval(dt):
+    """Refuse what is no sampling interval."""
+    if np.ndim(dt) or np.asarray(dt).dtype.kind not in "iuf" or not (
+            np.isfinite(dt) and dt > 0):
+        raise ValueError(f"the sampling interval is {dt} s: it must be a number > 0")
 
 
 def check_record(y, dt):
     """Refuse what no model can be identified from."""
-    if not (np.ndim(dt) == 0 and np.isfinite(dt) and dt > 0):
-        raise ValueError(f"the sampling interval is {dt} s: it must be a number > 0")
+    check_interval(dt)
     if y.ndim != 1:
         raise ValueError(f"the record has shape {y.shape}: "
                          "one axis of one sensor is needed")
@@ -150,6 +158,10 @@ def check_record(y, dt):
     if (observed == observed[0]).all():
         raise ValueError(f"the record is constant ({observed[0] + 0.0:g}): "
                          "there is no error model to identify, check the column")
+    if not SCALE[0] < np.ptp(observed) <= 2.0 * np.abs(observed).max() < SCALE[1]:
+        raise ValueError(f"the record runs from {observed.min():g} to "
+                         f"{observed.max():g}: choose a unit in which its squares can "
+                         "be computed")
 
 
 @contextlib.contextmanager
@@ -410,7 +422,7 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
     >>> hypothesis(drift, sigma_d=(1e-6, 1e-4)).name
     'drift'
     """
-    if isinstance(model, str):
+    if not callable(model):
         if model not in MODELS:
             raise ValueError(f"unknown hypothesis {model!r}: "
                              f"known are {', '.join(MODELS)}")
@@ -440,6 +452,18 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
         raise ValueError(f"all noises of {name} are zero: "
                          "give at least one sigma_* > 0")
     return h
+
+
+def as_hypotheses(hypotheses):
+    """One or several hypotheses as a tuple, or a sentence on what is none."""
+    hypotheses = (hypotheses,) if hasattr(hypotheses, "filter") else tuple(hypotheses)
+    for h in hypotheses:
+        if not hasattr(h, "filter"):
+            raise ValueError(f"{h!r} is no hypothesis: hypothesis(name, ...) makes one,"
+                             " default_hypotheses(y, dt, names) several for a record")
+    if not hypotheses:
+        raise ValueError("there is no hypothesis: at least one is needed")
+    return hypotheses
 
 
 def as_number(value, what):
@@ -571,7 +595,13 @@ def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
     >>> simulate([h], 1.0, 2, trials=3).error.shape
     (3, 2)
     """
-    error = np.empty((trials, samples))
+    hypotheses = as_hypotheses(hypotheses)
+    check_interval(dt)
+    try:
+        error = np.empty((operator.index(trials), operator.index(samples)))
+    except (TypeError, ValueError):
+        raise ValueError(f"{trials!r} records of {samples!r} samples: whole numbers "
+                         ">= 0 are needed") from None
     number = np.empty(trials, int)
     theta = np.full((trials, max(len(h.parameters) for h in hypotheses)), np.nan)
 
@@ -2366,7 +2396,7 @@ def identify(y, dt, hypotheses=None, progress=None):
         Sensor error, u, evenly sampled; NaN marks a missing sample.
     dt : float
         Sampling interval, s.
-    hypotheses : sequence of Hypothesis, optional
+    hypotheses : Hypothesis or sequence of Hypothesis, optional
         The K structures in question, by default `default_hypotheses`.
     progress : function of (done, all), optional
         Called after every hypothesis.
@@ -2391,14 +2421,18 @@ def identify(y, dt, hypotheses=None, progress=None):
     """
     y = as_samples(y)
     check_record(y, dt)
-    hypotheses = tuple(hypotheses or default_hypotheses(y, dt))
+    hypotheses = (default_hypotheses(y, dt) if hypotheses is None
+                  else as_hypotheses(hypotheses))
     estimates = []
     for h in hypotheses:
         estimates.append(resolve(_with_room(h, y), dt, y))
         if progress:
             progress(len(estimates), len(hypotheses))
-    return Posterior(dt, len(y), probabilities([e.log_evidence for e in estimates]),
-                     tuple(estimates))
+    evidence = [e.log_evidence for e in estimates]
+    if not np.isfinite(evidence).any():
+        raise ValueError("no hypothesis has a likelihood that is a number: the sigma_* "
+                         "and the record differ by too many orders of magnitude")
+    return Posterior(dt, len(y), probabilities(evidence), tuple(estimates))
 
 
 UNEXPECTED = 3.0    # of an offset: times the standard deviation of bias and record

@@ -40,6 +40,9 @@ def test_what_is_no_clock_is_not_taken_for_one(name):
     (5_000_000.0 * I, "dt 5 ms from time, taken as ns"),
     (60 * I, "dt 60 s from time"), (I, "dt 1 s from time"),
     (10 * I, "dt 10 ms from time, taken as ms"), (10.0 * I, "dt 10 s from time"),
+    (1_700_000_000 + 3600 * I, "dt 3600 s from time"),
+    (46_000.0 + I / 8_640_000, "dt 10 ms from time, taken as d"),
+    (740_000.0 + I / 864_000, "dt 100 ms from time, taken as d"),
     (pd.date_range("2026-01-31", periods=1000, freq="5ms").to_numpy(),
      "dt 5 ms from time, dates"),
     (pd.date_range("2026-01-31", periods=1000, freq="5ms", tz="UTC").map(
@@ -55,6 +58,24 @@ def test_a_name_goes_before_the_size():
 def test_nanoseconds_of_an_epoch_keep_their_last_digit():
     stamps = 1_700_000_000_000_000_001 + 7 * I.astype(np.int64)
     assert_allclose(in_seconds("t [ns]", stamps)[0], 7e-9 * I, rtol=1e-12)
+
+
+@pytest.mark.parametrize("bits, apart", [(16, 250), (24, 10**5), (32, 10**7)])
+def test_a_counter_that_begins_anew_runs_on(bits, apart):
+    found = clock("time_us", (2**bits - 3000 + apart * I) % 2**bits)
+    assert found.slots is None and found.dt == pytest.approx(1e-6 * apart)
+    assert found.said.endswith("from time_us, unwrapped")
+
+
+def test_jumps_back_are_no_counter():
+    with pytest.raises(ValueError, match="does not increase from sample 499"):
+        clock("time_us", np.append(250 * I[:500], 10**6 + 250 * I[:500]) % 10**6)
+
+
+def test_a_gap_is_no_time_of_day():
+    time = np.append(0.01 * I[:900], 10_000 + 0.01 * I[:900])
+    with pytest.raises(ValueError, match="spread over 10009 s: cut the gap"):
+        clock("time", time)
 
 
 def test_jitter_up_to_half_an_interval_is_even():

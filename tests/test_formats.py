@@ -251,6 +251,23 @@ def test_objects_of_python(tmp_path):
         read(5)
 
 
+def test_fields_of_an_array_are_columns(tmp_path):
+    rows = np.rec.fromarrays([0.5 * np.arange(N), Y[0]], names="time,error")
+    np.save(tmp_path / "r.npy", rows)
+    np.savez(tmp_path / "r.npz", imu=rows, other=Y[1])
+    for source, name in ((rows, "error"), (tmp_path / "r.npy", "error"),
+                         (tmp_path / "r.npz", "imu/error")):
+        record = read(source, name)
+        assert_array_equal(record.error, Y[0])
+        assert record.dt == 0.5
+
+
+def test_a_name_given_twice_is_refused():
+    table = pd.DataFrame(np.c_[Y[0], Y[1]], columns=["gx", "gx"])
+    with pytest.raises(ValueError, match="the table has gx more than once"):
+        read(table, "gx", dt=0.5)
+
+
 def test_what_is_masked_is_missing():
     masked = np.ma.masked_array(Y[0], Y[0] > 1.0)
     with pytest.raises(ValueError, match="NaN or empty values"):

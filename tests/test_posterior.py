@@ -248,10 +248,30 @@ def test_ranks_of_two_processes_are_uniform(tmp_path, monkeypatch):
     (np.arange(100.0), -1.0, "sampling interval is -1.0 s"),
     (np.full(100, np.inf), 1.0, "infinite values"),
     (np.zeros((3, 50)), 1.0, "has shape"),
+    (np.arange(99.0), "1", "interval is 1 s: it must be a number"),
+    (np.arange(99.0), np.timedelta64(1, "s"), "must be a number > 0"),
+    (1e-160 * np.arange(99.0), 1.0, "9.8e-159: choose a unit in which its squares"),
+    (1e150 * np.arange(99.0), 1.0, r"9.8e\+151: choose a unit"),
     (np.r_[np.arange(9.0), np.full(50, np.nan)], 1.0, "has 9 samples")])
 def test_a_useless_record_is_refused(y, dt, message):
     with pytest.raises(ValueError, match=message):
         s.identify(y, dt, paper_case(2))
+
+
+def test_what_is_no_hypothesis_is_refused():
+    y = np.random.default_rng(5).standard_normal(99)
+    for given in ("random_walk", ["random_walk"], [5]):
+        with pytest.raises(ValueError, match="is no hypothesis: hypothesis.name"):
+            s.identify(y, 1.0, given)
+    with pytest.raises(ValueError, match="at least one is needed"):
+        s.identify(y, 1.0, [])
+    with pytest.raises(ValueError, match="unknown hypothesis 5"):
+        s.hypothesis(5)
+    with pytest.raises(ValueError, match="differ by too many orders of magnitude"):
+        s.identify(y, 1.0, s.hypothesis("white_noise", sigma_v=(1e-300, 1e-299)))
+    alone = s.hypothesis("white_noise", sigma_v=(0.1, 9.0))
+    assert s.identify(y, 1.0, alone).best.log_evidence == (
+        s.identify(y, 1.0, [alone]).best.log_evidence)
 
 
 def test_a_bias_that_was_not_given_is_as_wide_as_the_offset_of_a_record():

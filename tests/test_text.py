@@ -1,6 +1,7 @@
 """CSV and its dialects."""
 
 import bz2
+import datetime
 import gzip
 import lzma
 
@@ -10,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from sensorlab import read
 from sensorlab.readers import text
+from sensorlab.readers.clocks import duration
 
 Y = np.round(np.random.default_rng(1).normal(size=40), 6)
 ROWS = list(zip(np.round(0.02 * np.arange(40), 2).tolist(), Y.tolist()))
@@ -44,7 +46,13 @@ def dialect(separator, header, decimal=".", end="\n", tail=""):
     dialect(",", "time,error,note", tail=',"sun, wind"'),
     dialect(",", "time,error", tail="  # fine"),
     dialect(",", "\ufefftime,error"),
-    dialect(",", "time,error").replace(f",{Y[7]}\n", f",{Y[7]}\n\n# knocked\n")])
+    dialect(",", "time,error").replace(f",{Y[7]}\n", f",{Y[7]}\n\n# knocked\n"),
+    dialect(",", "// a gyro\ntime,error"),
+    dialect(";", "sep=;\ntime;error", decimal=","),
+    dialect(",", "Device,XY-3\nRate,50\n\ntime,error"),
+    dialect(",", "time,error\ns,deg/h"), dialect("\t", "time\terror\n[s]\t[deg/h]"),
+    dialect(";", "logger of the bench\ntime;error\ns;deg/h", decimal=","),
+    '"time","error"\n' + "".join(f'"{t}","{y}"\n'.replace(".", ",") for t, y in ROWS)])
 def test_every_dialect_gives_the_same_record(tmp_path, content):
     (tmp_path / "r.csv").write_text(content, encoding="utf-8", newline="")
     record = read(tmp_path / "r.csv")
@@ -100,6 +108,30 @@ def test_the_dates_of_a_logger_are_a_clock(tmp_path):
         f"2026-01-31T12:00:{i / 50:09.6f}+01:00,{y}\n" for i, y in enumerate(Y)))
     record = read(tmp_path / "r.csv")
     assert record.clock == "dt 20 ms from timestamp, dates"
+    assert_array_equal(record.error, Y)
+
+
+@pytest.mark.parametrize("names, form, dt, said", [
+    ("date,time", "%Y-%m-%d,%H:%M:%S.%f", 0.5, "date and time"),
+    ("Date,Time", "%Y%m%d,%H%M%S.%f", 0.5, "Date and Time"),
+    ("secs,nsecs", "{0:.0f},{1:.0f}", 0.5, "secs and nsecs"),
+    ("stamp.sec,stamp.nanosec", "{0:.0f},{1:.0f}", 0.5, "stamp.sec and stamp.nanosec"),
+    ("time", "%H:%M:%S.%f", 0.5, "time, dates"),
+    ("time", "%d.%m.%Y %H:%M:%S", 60.0, "time, dates"),
+    ("utc", "%H%M%S.%f", 0.5, "utc, read as hhmmss"),
+    ("utc", "%Y%m%d%H%M%S", 60.0, "utc, read as YYYYMMDDhhmmss"),
+    ("date", "%Y%m%d", 86400.0, "date, read as YYYYMMDD")])
+def test_times_as_loggers_write_them(tmp_path, names, form, dt, said):
+    """From 10 s before midnight on."""
+    first = datetime.datetime(2026, 1, 30, 23, 59, 50)
+    lines = [names + ",error"]
+    for i, y in enumerate(Y):
+        now = first + datetime.timedelta(seconds=i * dt)
+        whole, part = divmod(1.7e9 + i * dt, 1.0)
+        lines.append(f"{now.strftime(form).format(whole, 1e9 * part)},{y}")
+    (tmp_path / "r.csv").write_text("\n".join(lines))
+    record = read(tmp_path / "r.csv", allow_missing=True, beside=None)
+    assert record.clock == f"dt {duration(dt)} from {said}" and not record.columns
     assert_array_equal(record.error, Y)
 
 

@@ -71,7 +71,7 @@ def _sources(named):
         if not inside:
             raise ValueError(f"{name}: no record in this folder")
         result += inside
-    return list(dict.fromkeys(result))
+    return list({os.path.realpath(file): file for file in result}.values())
 
 
 def _interval(options, source, model):

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import (
-    Parameter, as_samples, at_quantiles, brief, free_columns, mean_square,
-    one_thread_if, random_walk, rate_ramp)
+    Parameter, as_hypotheses, as_samples, at_quantiles, brief, free_columns,
+    mean_square, one_thread_if, random_walk, rate_ramp)
 from sensorlab.gap.account import Account, account, as_simulated, fixed, in_place
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
@@ -257,7 +257,7 @@ ROUNDING = 1e5          # a prior this much wider than the record tells nothing
 def _simulator(simulator):
     """A `Simulator` from one, or from hypotheses; refuse what cannot be diagnosed."""
     if not isinstance(simulator, Simulator):
-        simulator = Simulator(tuple(simulator))
+        simulator = Simulator(as_hypotheses(simulator))
     if not simulator.hypotheses:
         raise ValueError("a simulator without a hypothesis: at least one is needed")
     if all(h.model is rate_ramp for h in simulator.hypotheses):

@@ -1,6 +1,7 @@
 """Recordings of any source behind one door: `read`; of several axes: `read_axes`.
 
     clocks       time stamps -> an even sampling interval
+    dates        times as loggers write them, in nanoseconds
     channels     one row of numbers among the arrays of a source
     axes         which of them are the axes of a sensor
     covariates   what was recorded beside a channel

@@ -4,7 +4,7 @@ import zipfile
 
 import numpy as np
 
-from sensorlab.readers.channels import Group
+from sensorlab.readers.channels import Group, fields
 
 MAX_BYTES = 4 * 2**30    # what an archive may unpack to
 
@@ -13,7 +13,7 @@ def read(file):
     if file.suffix.lower() == ".npy":
         with open(file, "rb") as stream:
             np.lib.format.read_magic(stream)
-        return [Group(dict(error=np.load(file)))]
+        return [Group(fields(dict(error=np.load(file))))]
     with zipfile.ZipFile(file) as archive:
         size = sum(member.file_size for member in archive.infolist())
     if size > MAX_BYTES:
@@ -29,4 +29,4 @@ def read(file):
                 arrays[name] = value
             except Exception as problem:    # zip, zlib and NumPy raise their own
                 refused[name] = f"{name} cannot be read: {problem}"
-    return [Group(arrays, refused=refused)]
+    return [Group(fields(arrays), refused=refused)]

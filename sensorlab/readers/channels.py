@@ -21,6 +21,18 @@ class Group(NamedTuple):
     refused: dict = {}   # name -> why an array cannot be read
 
 
+def fields(arrays):
+    """The same arrays, but of one with named fields each field: by its own name where
+    it is the only array, else by name/field.
+    """
+    found = {}
+    for name, x in arrays.items():
+        above = f"{name}/" * (len(arrays) > 1)
+        found.update({above + field: x[field] for field in x.dtype.names}
+                     if x.dtype.names else {name: x})
+    return found
+
+
 class Channel(NamedTuple):
     """One row of numbers and where it is found."""
 

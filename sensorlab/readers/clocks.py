@@ -2,26 +2,30 @@
 or bursts.
 """
 
+import itertools
 import re
 from typing import NamedTuple
 
 import numpy as np
 
+from sensorlab.readers.dates import DAY, of_digits, of_texts, read_digits
+
 UNITS = {    # word of a name -> (unit, s)
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), ("s", 1.0)),
-    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"),
-                    ("ms", 1e-3)),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisec", "millisecond",
+                     "milliseconds"), ("ms", 1e-3)),
     **dict.fromkeys(("us", "\u00b5s", "\u03bcs", "usec", "usecs", "micros",
-                     "microsecond", "microseconds"), ("us", 1e-6)),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"),
-                    ("ns", 1e-9)),
+                     "microsec", "microsecond", "microseconds"), ("us", 1e-6)),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecond",
+                     "nanoseconds"), ("ns", 1e-9)),
     **dict.fromkeys(("min", "mins", "minute", "minutes"), ("min", 60.0)),
-    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), ("h", 3600.0))}
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), ("h", 3600.0)),
+    **dict.fromkeys(("d", "day", "days"), ("d", 86400.0))}
 CLOCKS = {"time", "times", "timestamp", "timestamps", "stamp", "t", "date", "datetime",
           "utc", "epoch", "clock"}
 BESIDE = {"host", "sensor", "device", "system", "log", "boot", "gps", "local", "unix",
           "ros", "header", "since", "start", "elapsed", "in", "of", "the", "sample",
-          "sampling", "arrival", "received", "recorded"}
+          "sampling", "arrival", "received", "recorded", "tv"}
 WORDS = re.compile("(?:[A-Z]+(?![a-z])|[A-Z]?[a-z\u00b5\u03bc]+)[0-9]*")
 FOLDERS = re.compile(r"^[^\[(]*/")    # before the name, as of a struct in a struct
 MULTIPLE = re.compile(r"[\[(]\s*(\d*\.?\d+)(?:/(\d*\.?\d+))?\s*[a-zA-Z\u00b5\u03bc]")
@@ -213,12 +217,53 @@ def _in_bursts(t, step):
 
 def stamps(arrays, known, samples):
     """(name, stamps) of the clock among the arrays of a group: the one that is known,
-    else by its name; None where none has as many stamps as there are samples.
+    else by its name, or two that are parts of one; None where none has as many stamps
+    as there are samples.
     """
     names = [name for name, x in arrays.items() if unit_of(name) is not None
              and x.shape in ((samples,), (samples, 1), (1, samples))]
     names.sort(key=lambda name: (name != known, name != "time"))
-    return (names[0], arrays[names[0]].ravel()) if names else None
+    clocks = {name: arrays[name].ravel() for name in names}
+    return (None if known in clocks else _joined(clocks)) or next(
+        iter(clocks.items()), None)
+
+
+def _joined(clocks):
+    """A clock in two parts, which are whole seconds and what is beyond them, or a date
+    and a time of day, as (names, timedelta64); None where there is none.
+    """
+    for whole, part in itertools.permutations(clocks, 2):
+        x, y = clocks[whole], clocks[part]
+        units = [unit_of(name) for name in (whole, part)]
+        if all(units) and units[0][0] == "s" and _stem(whole) == _stem(part) and (
+                all(one.dtype.kind in "iuf" and (one == np.round(one)).all()
+                    for one in (x, y)) and (y >= 0).all()
+                and (y < 1.0 / units[1][1] - 0.5).all()):
+            ns = np.array([10**9 * int(one) for one in x]) + np.round(
+                1e9 * units[1][1] * y).astype(np.int64)
+            return f"{whole} and {part}", ns.astype("timedelta64[ns]")
+        if _stem(whole) + "/" + _stem(part) in ("date/time", "date/utc"):
+            days, time = _nanoseconds(x, "YYYYMMDD"), _nanoseconds(y, "hhmmss")
+            if days is not None and time is not None and not (days % DAY).any():
+                return f"{whole} and {part}", (days + time % DAY).astype(
+                    "timedelta64[ns]")
+    return None
+
+
+def _stem(name):
+    """The name of a clock without its unit."""
+    return "".join(word.lower() for word in WORDS.findall(name)
+                   if word.lower() not in UNITS)
+
+
+def _nanoseconds(time, form):
+    """Times, ns, of texts or of numbers with these digits, or None."""
+    if time.dtype.kind in "iuf":
+        return read_digits(time, form)
+    try:
+        return of_texts("", time)
+    except ValueError:
+        return None
 
 
 def in_seconds(name, time):
@@ -227,7 +272,8 @@ def in_seconds(name, time):
 
     A unit is taken from the name; without one an epoch is known by its size, whole
     numbers with steps of 1000 and more are us, from 10^6 on ns, integers with steps of
-    2 to 50 ms (20 to 500 Hz rather than every 2 to 50 s), all else is s.
+    2 to 50 ms (20 to 500 Hz rather than every 2 to 50 s), digits of a date or of a time
+    of day by their steps, days of a spreadsheet by both, all else is s.
     """
     time, scale, *told = _counted(name, time)
     return (time - time[:1]).astype(float) * scale, *told
@@ -243,33 +289,43 @@ def _counted(name, time):
     """Stamps as numbers, their unit in s, what they are in words, and the name of the
     unit where their size tells it and is not s.
     """
-    if time.dtype.kind == "m":    # since the start
-        time = time.astype("timedelta64[ns]") + np.datetime64(0, "ns")
-    if time.dtype.kind not in "iufM":
-        time = _dates(name, time)
-    dates = time.dtype.kind == "M"
-    bad = np.isnat(time) if dates else ~np.isfinite(time)
-    if bad.any():
-        raise ValueError(f"time of sample {np.argmax(bad)} is {time[np.argmax(bad)]}: "
-                         "a number is needed")
-    if dates:
+    kind = time.dtype.kind
+    if kind in "mM" and np.isnat(time).any() or kind == "f" and not (
+            np.isfinite(time).all()):
+        k = int(np.argmax(np.isnat(time) if kind in "mM" else ~np.isfinite(time)))
+        raise ValueError(f"time of sample {k} is {time[k]}: a number is needed")
+    if kind == "m":    # since the start
+        return time.astype("timedelta64[ns]").astype(np.int64), 1e-9, name, ""
+    if kind == "M":
         time = time.astype("datetime64[ns]").astype(np.int64)
         return time, 1e-9, f"{name}, dates", ""
-    unit, scale = unit_of(name) or _plausible(time)
-    if time.dtype.kind in "iu":
+    if kind not in "iuf":
+        return of_texts(name, time), 1e-9, f"{name}, dates", ""
+    if kind in "iu":
         time = time.astype(np.int64)
-    return time, scale, name, "" if unit_of(name) or unit == "s" else unit
+    digits = None if unit_of(name) else of_digits(time)
+    if digits:
+        return digits[0], 1e-9, f"{name}, read as {digits[1]}", ""
+    unit, scale = unit_of(name) or _plausible(time)
+    guess = "" if unit_of(name) or unit == "s" else unit
+    even = _unwrapped(time)
+    return even, scale, name + ", unwrapped" * (even is not time), guess
 
 
-def _dates(name, texts):
-    import pandas
-    dates = pandas.to_datetime(pandas.Series(list(map(str, texts))), format="ISO8601",
-                               utc=True, errors="coerce").dt.tz_localize(None)
-    if dates.isna().any():
-        k = int(dates.isna().argmax())
-        raise ValueError(f"{name} of sample {k} is {str(texts[k])[:40]!r}: neither a "
-                         "number nor a date as in ISO 8601, 2026-01-31T12:00:00.5Z")
-    return dates.to_numpy("datetime64[ns]")
+def _unwrapped(time):
+    """Stamps of a counter that began anew when its 16, 24 or 32 bits were full."""
+    step = np.diff(time)
+    back = step < 0
+    if back.any() and not back.all() and time.min() >= 0:
+        usual = np.median(step[~back])
+        for size in (2**16, 2**24, 2**32):
+            if time.max() < size and (step[back] + size > 0).all() and (
+                    step[back] + size <= NEAR * usual).all():
+                return time + size * np.append(0, np.cumsum(back))
+    return time
+
+
+NEAR = 10    # usual steps: a counter began anew if it went on within these
 
 
 def _plausible(time):
@@ -278,13 +334,23 @@ def _plausible(time):
         return UNITS["s"]
     largest, step = np.abs(time).max(), np.diff(time)
     for unit in ("s", "ms", "us", "ns"):
-        if EPOCH[0] < largest * UNITS[unit][1] < EPOCH[1] and unit != "s":
+        if EPOCH[0] < largest * UNITS[unit][1] < EPOCH[1] and (
+                unit != "s" or len(step) and not (step % HALF_AN_HOUR).any()):
             return UNITS[unit]
-    whole = len(step) and (time == np.round(time)).all()
-    usual = np.abs(np.median(step.astype(float)) or step.mean()) if whole else 0.0
+    usual = np.abs(np.median(step.astype(float)) or step.mean()) if len(step) else 0.0
+    if any(low < time.min() and largest < high for low, high in DAYS) and (
+            0.0 < usual < FAST):
+        return UNITS["d"]
+    if not (time == np.round(time)).all():
+        return UNITS["s"]
     if time.dtype.kind in "iu" and 2.0 <= usual <= 50.0:
         return UNITS["ms"]
     return UNITS["s" if usual < 1e3 else "us" if usual < 1e6 else "ns"]
+
+
+HALF_AN_HOUR = 1800       # s: steps of an epoch in seconds that are no microseconds
+DAYS = (25569, 73050), (719529, 767011)    # 1970 to 2100 in Excel and in MATLAB
+FAST = 1e-4    # of a day, or s: no inertial sensor is logged as fast
 
 
 def duration(seconds):

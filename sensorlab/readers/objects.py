@@ -6,7 +6,7 @@ import pathlib
 
 import numpy as np
 
-from sensorlab.readers.channels import Group
+from sensorlab.readers.channels import Group, fields
 
 
 def name_of(source):
@@ -26,22 +26,22 @@ def groups(source):
     if kind == "pandas" and hasattr(source, "to_frame"):
         return [frame(source.to_frame(source.name or "error"))]
     if isinstance(source, dict):
-        return [Group({str(name): _plain(x) for name, x in source.items()})]
+        return [Group(fields({str(name): _plain(x) for name, x in source.items()}))]
     if isinstance(source, (np.ndarray, list, tuple)):
-        return [Group(dict(error=_plain(source)))]
+        return [Group(fields(dict(error=_plain(source))))]
     return None
 
 
 def _plain(x):
     """An array, NaN where it is masked."""
-    if np.ma.isMaskedArray(x):
+    if np.ma.isMaskedArray(x) and not x.dtype.names:
         return x.astype(float).filled(np.nan)
     return np.asarray(x)
 
 
 def frame(table):
     """A DataFrame as a group; an index of times is its clock."""
-    arrays, clock = {}, ""
+    arrays, refused, clock = {}, {}, ""
     index = table.index
     if index.name is not None or index.dtype.kind in "Mm":
         name = str(index.name or "time")
@@ -49,8 +49,10 @@ def frame(table):
         arrays[name] = _column(index.to_series())
     for position, name in enumerate(table.columns):
         name = "/".join(map(str, name)) if isinstance(name, tuple) else str(name)
+        if name in arrays:
+            refused[name] = f"the table has {name} more than once"
         arrays[name] = _column(table.iloc[:, position])
-    return Group(arrays, clock=clock)
+    return Group(arrays, clock=clock, refused=refused)
 
 
 def _column(x):

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorlab.readers.channels import Group
+from sensorlab.readers.channels import UNIT, Group
 
 MAX_BYTES = 4 * 2**30    # what a packed file may unpack to
 PACKED = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
@@ -26,6 +26,12 @@ SEPARATORS = ",", ";", "\t", "|", r"\s+"
 SNIFFED, LONG = 200, 65536    # lines, and characters of them, that tell the dialect
 NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.I)
 MISSING = "", "NA", "N/A", "NULL", "NAN", "NONE"
+COMMENTS = "#", "%", "//"
+SAID = re.compile("sep=.")    # the first line of some spreadsheets
+PREAMBLE = 50    # lines that may lie above the first row of numbers
+PART = (r"[numkh\u00b5\u03bc]?(?:deg|rad|dps|g|m|s|sec|Hz|V|T|Pa)|min|hr?|K|%|counts?|"
+        r"LSB|mbar|gauss|(?:deg|\u00b0) ?[CFs]?|C")
+UNITS = re.compile(rf"-?|\[.*\]|\(.*\)|(?:{PART})(?:[/*](?:{PART})|\^?2|\u00b2)*", re.I)
 
 
 class Dialect(NamedTuple):
@@ -106,17 +112,21 @@ def _dialect(lines):
     """`Dialect` of a text from its first lines."""
     if any("\x00" in line for line in lines):
         raise ValueError("holds NUL bytes: it is no text")
-    full = [(k, line) for k, line in enumerate(lines) if line.strip()]
-    plain = [(k, line) for k, line in full if not line.lstrip().startswith(("#", "%"))]
+    full = [(k, line) for k, line in enumerate(lines) if line.strip()
+            and not (k == 0 and SAID.fullmatch(line.strip()))]
+    plain = [(k, line) for k, line in full
+             if not line.lstrip().startswith(tuple(COMMENTS))]
     above = [(k, line) for k, line in full if (k, line) not in plain
              and (not plain or k < plain[0][0])]
     if not plain:
         raise ValueError("no header and no row of numbers: a record has a line of "
                          "names, such as time,error, and a line for every sample")
-    first, rows = plain[0], [line for _, line in plain[:20]]
-    separator, numeric = _separator(rows)
+    begin, units = _preamble([line for _, line in plain])
+    first, rows = plain[begin], [line for _, line in plain[begin:begin + 20]]
+    separator, numeric = _separator(rows[:1] + rows[1 + bool(units):])
     if not numeric:
-        header, skip, rows = first[1], first[0] + 1, rows[1:]
+        header, skip = first[1], plain[begin + bool(units)][0] + 1
+        rows = rows[1 + bool(units):]
     elif above and len(_cells(_bare(above[-1][1]), separator)) == len(
             _cells(first[1], separator)) and not _numeric(
             _cells(_bare(above[-1][1]), separator)):
@@ -132,7 +142,9 @@ def _dialect(lines):
         raise ValueError(f"the header has {len(names)} names but the first row "
                          f"{width} cells: a decimal comma needs another separator, "
                          "such as ;")
-    comma = separator != "," and any(
+    names = [f"{name} [{unit}]" if unit and not UNIT.search(name) else name
+             for name, unit in itertools.zip_longest(names, units, fillvalue="")]
+    comma = any(
         re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell)
         for line in rows for cell in _cells(line, separator))
     return Dialect(separator, "," if comma else ".", skip,
@@ -140,7 +152,31 @@ def _dialect(lines):
 
 
 def _bare(comment):
-    return comment.lstrip().lstrip("#%").strip()
+    return comment.lstrip().lstrip("".join(COMMENTS)).strip()
+
+
+def _preamble(lines):
+    """How many lines lie above that of the names, and the units (C,) in a line below
+    it: the last line of words above the first row of numbers that has as many of them.
+    """
+    for k in range(min(len(lines), PREAMBLE)):
+        separator, numeric = _separator(lines[k:k + 20])
+        if not numeric:
+            continue
+        width = len(_cells(lines[k], separator))
+        above = [_cells(line, separator) for line in lines[:k]]
+        units = above.pop() if len(above) > 1 and _are_units(above[-1]) else []
+        names = above[-1] if above else []
+        if len(names) == width and len({*names}) == width and all(
+                re.search("[A-Za-z]", name) for name in names):
+            return len(above) - 1, [unit.strip("[]()") for unit in units]
+        break
+    return 0, []
+
+
+def _are_units(cells):
+    """Are these the units of columns?"""
+    return any(cells) and all(map(UNITS.fullmatch, cells))
 
 
 def _separator(rows):

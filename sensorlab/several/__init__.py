@@ -90,6 +90,8 @@ def opened(records, beside):
 
 def many(calls, executor=None, checkpoint=None, progress=None):
     """`Several` of calls (work, record, ...), each of which gives a `Row`."""
+    if not calls:
+        raise ValueError("no record is given: at least one is needed")
     waiting = [_submitted(executor, checkpoint, *call) for call in calls]
     rows = []
     for call, future in zip(calls, waiting):
