@@ -131,7 +131,7 @@ def as_samples(y):
 
 
 MIN_SAMPLES = 16    # fewer say nothing of any correlated process
-SCALE = 1e-100, 1e100    # u, of values: beyond these their squares are no numbers
+SCALE = 1e-15, 1e15    # u, of values: products of their squares remain numbers
 
 
 def check_interval(dt):
@@ -160,8 +160,8 @@ def check_record(y, dt):
                          "there is no error model to identify, check the column")
     if not SCALE[0] < np.ptp(observed) <= 2.0 * np.abs(observed).max() < SCALE[1]:
         raise ValueError(f"the record runs from {observed.min():g} to "
-                         f"{observed.max():g}: choose a unit in which its squares can "
-                         "be computed")
+                         f"{observed.max():g}: choose a unit in which it varies by more"
+                         f" than {SCALE[0]:g} and less than {SCALE[1]:g}")
 
 
 @contextlib.contextmanager
@@ -1973,7 +1973,7 @@ def _node_mass(count, chi2, score, node, limits, power, bias):
     TAIL + 10 nats below the best keep a bound.
     """
     M, edges = limits.shape[:2]
-    mass, first, second = np.empty(M), np.ones(M), np.ones(M)
+    mass, first, second = np.empty(M), np.empty(M), np.empty(M)
     low, high, mode, peak = np.zeros(M), np.zeros(M), np.zeros(M), np.empty(M)
     for j in range(M):
         information, log_det, log_prior = node[j, 0], node[j, 1], node[j, 2]
@@ -1989,7 +1989,8 @@ def _node_mass(count, chi2, score, node, limits, power, bias):
         known, spread = _without_spread(s2, 2.0 * mode[j], count, chi2[j], score[j],
                                         information, log_det, bias)
         peak[j] = power * mode[j] + known
-        # a bound, if the scale is free
+        # a bound, if the scale is free, at its most probable value
+        first[j], second[j] = np.sqrt(s2), s2
         mass[j] = log_prior + peak[j] + np.log(2.0 * width / np.sqrt(spread))
     best = np.max(mass)
     for j in range(M):

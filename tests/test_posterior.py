@@ -250,12 +250,48 @@ def test_ranks_of_two_processes_are_uniform(tmp_path, monkeypatch):
     (np.zeros((3, 50)), 1.0, "has shape"),
     (np.arange(99.0), "1", "interval is 1 s: it must be a number"),
     (np.arange(99.0), np.timedelta64(1, "s"), "must be a number > 0"),
-    (1e-160 * np.arange(99.0), 1.0, "9.8e-159: choose a unit in which its squares"),
-    (1e150 * np.arange(99.0), 1.0, r"9.8e\+151: choose a unit"),
+    (1e-18 * np.arange(99.0), 1.0, "9.8e-17: choose a unit in which it varies by more"),
+    (1e15 * np.arange(99.0), 1.0, r"9.8e\+16: choose a unit"),
     (np.r_[np.arange(9.0), np.full(50, np.nan)], 1.0, "has 9 samples")])
 def test_a_useless_record_is_refused(y, dt, message):
     with pytest.raises(ValueError, match=message):
         s.identify(y, dt, paper_case(2))
+
+
+def in_unit(h, unit):
+    """A hypothesis with all its sigmas in another unit."""
+    return h._replace(bias_sigma=h.bias_sigma * unit, parameters=tuple(
+        p._replace(low=p.low * unit, high=p.high * unit)
+        if p.symbol.startswith("sigma") else p for p in h.parameters))
+
+
+@pytest.mark.parametrize("unit", [4.848e-6, 1e-12, 1e9])
+def test_answers_do_not_depend_on_the_unit(unit):
+    """Of deg/h in rad/s, and of what no one uses."""
+    h = [*paper_case(2), s.hypothesis(
+        "random_walk_markov", sigma_w=(0.001, 0.1), tau_m=(10, 500), sigma_m=(0.3, 2),
+        sigma_v=(0.1, 1)), s.hypothesis("markov", tau_m=(10, 500), sigma_m=1.0,
+                                        sigma_v=0.5, prior="log")]
+    y = s.simulate(h, 1.0, 600, seed=4).error[0]
+    plain, scaled = s.identify(y, 1.0, h), s.identify(
+        unit * y, 1.0, [in_unit(one, unit) for one in h])
+    assert_allclose(scaled.probability, plain.probability, rtol=1e-3)
+    for one, other in zip(plain.estimates, scaled.estimates):
+        factor = np.array([unit if p.symbol.startswith("sigma") else 1.0
+                           for p in one.hypothesis.parameters])
+        assert_allclose(other.mean / factor, one.mean, rtol=1e-3)
+        assert_allclose(np.diag(other.covariance) / factor**2,
+                        np.diag(one.covariance), rtol=1e-3, atol=1e-12)
+
+
+def test_criteria_do_not_depend_on_the_unit():
+    h = [s.hypothesis("random_walk", sigma_w=(0.04, 0.15), sigma_v=(0.25, 1)),
+         s.hypothesis("markov", tau_m=(20, 300), sigma_m=(0.5, 1.5), sigma_v=(0.25, 1))]
+    plain, scaled = (s.criteria([in_unit(one, u) for one in h], 0.1, 100, trials=32)
+                     for u in (1.0, 4.848e-6))
+    for one, other in zip(plain.rsd, scaled.rsd):
+        assert_allclose(other.real, one.real, rtol=1e-4)
+        assert_allclose(other.calculated, one.calculated, rtol=1e-4)
 
 
 def test_what_is_no_hypothesis_is_refused():
