@@ -76,6 +76,11 @@ def test_a_wrong_factor_is_recognised():
     assert "g taken for m/s^2" in sizes.sizes([off], "mg", 0.01)
     assert "root of the rate" in sizes.looks_like(14.0, 0.1, 1.0 / 196.0)
     assert sizes.looks_like(7.0, 0.1, 0.01) == ""
+    assert "mg taken for m/s^2" in sizes.looks_like(0.009807, 0.0, 0.01)
+    assert "the sampling rate" in sizes.looks_like(0.0101, 0.0002, 0.01)
+    exact = found("wrong_parameter", parameter=("quantization.lsb", 0.0),
+                  factor=(10.0, 0.0))
+    assert sizes.sizes([exact], "mg", 0.01) == "parameter quantization.lsb, factor 10"
 
 
 def test_the_verdict_is_a_sentence(answers):

@@ -129,7 +129,8 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
     for group, off in zip(groups, error[1:]):
         rival, probability = rivals[group[0]], share[group].sum()
         column = "" if rival.effect.factor else _either(
-            [rivals[i].at for i in group if share[i] > 0.1 * share[group[0]]])
+            [rivals[i].at for i in group if rivals[i].at
+             and share[i] > 0.1 * share[group[0]]])
         if rival.family and (probability > LISTED_FROM / effort(scene)
                              or chosen and group[0] == weighed.best):
             _, one = signature(rival.family)

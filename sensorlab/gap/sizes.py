@@ -99,15 +99,11 @@ def values_text(values, unit, column="", dt=None):
             shown = measured(mean, sd)
         parts.append(f"{symbol} {shown} {unit_of(symbol, unit, column)}".rstrip())
         if dt and symbol == "factor":
-            parts.append("or more" if _is_of_limits(values) else looks_like(
-                mean, sd, dt))
+            name, _ = values.get("parameter", ("", 0.0))
+            # what a record only lies beyond
+            parts.append("or more" if name.endswith(".limits") else looks_like(
+                mean, sd, None if name.endswith(".lsb") else dt))
     return ", ".join(filter(None, parts))
-
-
-def _is_of_limits(values):
-    """Is a wrong parameter of these values a limit, which a record only lies beyond?"""
-    name, _ = values.get("parameter", ("", 0.0))
-    return name.endswith(".limits")
 
 
 def _shown(symbol, values):
@@ -120,21 +116,24 @@ def _shown(symbol, values):
     return f"{len(values)} of them"
 
 
-FACTORS = {9.80665: "g taken for m/s^2", 57.29578: "deg taken for rad",
-           3600.0: "per hour taken for per second", 60.0: "per root hour taken for "
-           "per root second", 1000.0: "milli left out"}
+FACTORS = {9.80665: "g taken for m/s^2", 1e3 / 9.80665: "mg taken for m/s^2",
+           57.29578: "deg taken for rad", 3600.0: "per hour taken for per second",
+           206264.806: "deg/h taken for rad/s", 60.0: "per root hour taken for per root"
+           " second", 1000.0: "milli left out"}
+NEAR = 0.005    # relative: a factor this near to a known one may be it
 
 
-def looks_like(factor, sd, dt):
-    """What a wrong factor usually is."""
+def looks_like(factor, sd, dt=None):
+    """What a wrong factor usually is; with dt, of a standard deviation."""
     if factor == 0.0:
         return "the record has none"
-    named = {**FACTORS, 1.0 / dt: "the sampling rate",
-             dt**-0.5: "root of the rate: a density taken for a per-sample sigma, or "
-             "the other way round"}
-    for value, text in named.items():
-        for v in (value, 1.0 / value):
-            if abs(factor - v) < max(3.0 * sd, 0.03 * v) and sd < 0.2 * v \
-                    and abs(np.log(v)) > 0.2:
-                return f"about {v:.4g}: {text}"
+    named = dict(FACTORS)
+    if dt:
+        named |= {1.0 / dt: "the sampling rate", dt**-0.5: "root of the rate: a density"
+                  " taken for a per-sample sigma, or the other way round"}
+    known = [(v, text) for value, text in named.items() for v in (value, 1.0 / value)
+             if abs(np.log(v)) > 0.2]
+    v, text = min(known, key=lambda one: abs(np.log(factor / one[0])))
+    if abs(factor - v) < max(3.0 * sd, NEAR * v) and sd < 0.2 * v:
+        return f"about {v:.4g}: {text}"
     return ""
