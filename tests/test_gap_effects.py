@@ -5,14 +5,14 @@ import pytest
 from conftest import DT, MODEL, member
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm, solve_continuous_lyapunov
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 from scipy.stats import multivariate_normal
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
 from sensorlab.gap import filters
 from sensorlab.gap.account import fixed
-from sensorlab.gap.catalogue import flicker_processes
+from sensorlab.gap.catalogue import ZERO, flicker_processes
 
 
 def shaped(numerator, denominator, lag):
@@ -52,10 +52,21 @@ def butterworth(tau, times):
     return result
 
 
+def bilinear(tau, samples):
+    """What white noise becomes by SciPy's digital Butterworth filter, but for zeros
+    which are not quite at half the rate of one a second: the response (N, N) to each of
+    its values.
+    """
+    b, a = butter(2, 1.0 / (np.pi * tau))
+    zeros = np.poly([-ZERO, -ZERO])
+    return lfilter(b.sum() / zeros.sum() * zeros, a, np.eye(samples), axis=0)
+
+
 @pytest.mark.parametrize("name, variant", [
     ("random_walk", ""), ("correlated_noise", ""), ("bias_instability", ""),
     ("narrow_band_noise", ""), ("bandwidth", "first order"), ("blue_noise", ""),
-    ("bandwidth", "second order"), ("noise_step", ""), ("walk_step", "")])
+    ("bandwidth", "second order"), ("bandwidth", "digital"), ("noise_step", ""),
+    ("walk_step", "")])
 def test_processes_have_the_covariance_that_is_written(name, variant):
     scene = Scene(np.zeros(200), DT, {})
     h = member(scene, MODEL[1]).with_effect(CATALOGUE[name], variant)
@@ -78,6 +89,8 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
             -lag / 2.0)),
         ("bandwidth", "second order"): ((2.0,), base + 0.16 * butterworth(
             2.0, np.ones(200))),
+        ("bandwidth", "digital"): ((2.0,), base + 0.16 * (
+            bilinear(2.0, 400) @ bilinear(2.0, 400).T)[200:, 200:]),
         ("blue_noise", ""): ((2.0, 0.6), base + 0.16 * eye + 0.36 * 0.5 * (
             1.0 + a) * shaped([1.0, -1.0], [1.0, -a], lag)),
         ("noise_step", ""): ((120.0, 3.0), base + 0.16 * eye * np.where(

@@ -177,12 +177,13 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
     assert_allclose(p.log_likelihood[0, 0], np.log(total), rtol=1e-10)
 
 
+@pytest.mark.parametrize("variant", ["second order", "digital"])
 @pytest.mark.parametrize("name, own", [("random_telegraph", (4.0, 1.5)),
                                        ("noise_bursts", (7.0, 3.0, 1.5))])
-def test_a_level_beside_a_pair_of_states_whose_noises_are_correlated(name, own):
+def test_a_level_beside_states_whose_noises_are_correlated(name, own, variant):
     scene = Scene(np.random.default_rng(2).standard_normal(100), DT, {})
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0)).with_effect(
-        CATALOGUE["bandwidth"], "second order").with_effect(CATALOGUE[name])
+        CATALOGUE["bandwidth"], variant).with_effect(CATALOGUE[name])
     one = filters.log_likelihoods(h, scene, (), np.array([[1.0, DT, *own]]))
     # with more states than are unrolled, of which some do nothing
     for _ in range(3):
@@ -215,12 +216,13 @@ def test_bursts_of_noise_in_white_noise_are_a_hidden_markov_chain():
                     rtol=1e-9)
 
 
-def test_processes_of_two_states_are_those_of_the_dense_gaussian():
+@pytest.mark.parametrize("variant", ["second order", "digital"])
+def test_processes_of_two_states_are_those_of_the_dense_gaussian(variant):
     y = np.random.default_rng(2).standard_normal(60)
     y[20:25] = np.nan
     scene = Scene(y, DT, {})
     h = member(scene, MODEL[1], "narrow_band_noise").with_effect(
-        CATALOGUE["bandwidth"], "second order")
+        CATALOGUE["bandwidth"], variant)
     theta = np.array([p.mean for p in h.parameters])[None]
     f, seen = h.filter(DT, theta[0]), ~np.isnan(y)
     C = h.bias_sigma**2 + naive.covariance(f.Phi[0], f.Gamma[0], f.H,
@@ -234,7 +236,7 @@ def test_processes_of_two_states_are_those_of_the_dense_gaussian():
                     np.linalg.solve(C, y), rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.parametrize("variant", ["first order", "second order"])
+@pytest.mark.parametrize("variant", ["first order", "second order", "digital"])
 def test_what_is_low_passed_may_change_its_variance(variant):
     scene = Scene(np.random.default_rng(2).standard_normal(60), DT, {})
     h = member(scene, MODEL[1], "noise_step").with_effect(CATALOGUE["bandwidth"],

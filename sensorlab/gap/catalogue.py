@@ -241,7 +241,7 @@ NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at z
 
 def _bandwidth(scene, filt, tau, variant=""):
     """The white noise passes a low-pass of unit gain at rest, of first order or of
-    second (Butterworth).
+    second (Butterworth), or a digital one (the bilinear transform of the latter).
     """
     rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[..., :1]
     if filt.Psi.shape[-1] > 1:    # it changes, and so does what drives the low-pass
@@ -250,6 +250,8 @@ def _bandwidth(scene, filt, tau, variant=""):
         change = filt.Psi / np.where(white > 0.0, white, 1.0)
         return even._replace(Gamma=even.Gamma * np.where(
             own, change[..., None, None], 1.0))
+    if variant == "digital":
+        return _added(rest, _digital(scene.dt / tau, white))
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
@@ -267,6 +269,36 @@ def _bandwidth(scene, filt, tau, variant=""):
     return _added(rest, _pair([[c, -s], [s, c]], [
         [sd * first, 0.0], [sd * both, sd * second]], [1.0, 0.0], [
         [sd**2, -sd**2], [-sd**2, 3.0 * sd**2]]))
+
+
+MOST_WARPED = 1.4    # radians: a higher cut-off is taken for 0.45 of the sampling rate
+ZERO = 0.998    # for 1, of the zeros at half the sampling rate: no sensor is as silent
+                # there as arithmetic would have it
+
+
+def _digital(cut_off, white):
+    """White noise w through the bilinear transform of a Butterworth filter of second
+    order, its cut-off in radians a sample: b (1 + ZERO / z)^2 / (1 - c / z - d / z^2).
+
+    That is b0 w and two states that w drives by b1 and b2.
+    """
+    K = np.tan(np.minimum(0.5 * cut_off, MOST_WARPED))
+    all_of = 1.0 + np.sqrt(2.0) * K + K**2
+    b, c = 4.0 * K**2 / all_of / (1.0 + ZERO)**2, 2.0 * (1.0 - K**2) / all_of
+    d = (np.sqrt(2.0) * K - 1.0 - K**2) / all_of
+    b0 = -b * ZERO**2 / d
+    b1, b2 = b - b0, 2.0 * b * ZERO + b0 * c
+    # 1 + d, 1 - c - d and 1 + c - d of a slow one are too small to be differences
+    first = (2.0 * c * b1 * b2 + (1.0 - d) * (b1**2 + b2**2)) / (
+        np.sqrt(2.0) * 32.0 * K**3) * all_of**3
+    both = (c * d * first + b1 * b2) / (1.0 - d)
+    second = d**2 * first + b2**2
+    P0 = [[first, both, b0 * b1], [both, second, b0 * b2], [b0 * b1, b0 * b2, b0**2]]
+    return ShapingFilter(
+        _matrices([c, 1.0, 0.0], [d, 0.0, 0.0], [0.0, 0.0, 0.0]),
+        _matrices(*([part * white] for part in (b1, b2, b0))),
+        np.array([[1.0, 0.0, 1.0]]), np.zeros(1), np.zeros(3),
+        _matrices(*([part * white**2 for part in row] for row in P0))[..., 0, :, :])
 
 
 def _pair(Phi, Gamma, H, P0):
@@ -742,10 +774,13 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="sinusoid where tau is long, correlated noise where it is short",
            experiment="damp vibration; an alias moves with the sampling rate"),
     Effect("bandwidth", model=_bandwidth, elementwise=True, search="spectrum",
-           variants=("first order", "second order"),
+           variants=("first order", "second order", "digital"),
+           uneven=(("digital", "second order"),),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
            equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
-                    "+ sqrt(2) tau dV/dt = v - V; tau in s",
+                    "+ sqrt(2) tau dV/dt = v - V, of which digital is the bilinear "
+                    "transform that keeps the cut-off 1 / (2 pi tau), if v does not "
+                    "change; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("blue_noise", model=_blue_noise, elementwise=True, search="spectrum",
            parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),

@@ -96,6 +96,8 @@ class Effect(NamedTuple):
     model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
                                 # takes the variant, where there are variants
     variants: tuple = ()        # forms of a model; "" is the first
+    uneven: tuple = ()          # pairs of a form and of that which stands in for it
+                                # where white noise changes
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
     comes_last: bool = False    # the model alters what all others make, as that of a
                                 # reading does
@@ -345,7 +347,11 @@ class Member(NamedTuple):
     def joined(self, one):
         """The same with one more effect as `Found`, of a key of its own."""
         last = max((e.number for e in self.effects if e.name == one.name), default=0)
-        return self._replace(effects=(*self.effects, one._replace(number=last + 1)))
+        effects = *self.effects, one._replace(number=last + 1)
+        if any(e.effect.of_white for e in effects):
+            effects = tuple(e._replace(variant=dict(e.effect.uneven).get(
+                e.variant, e.variant)) for e in effects)
+        return self._replace(effects=effects)
 
     def with_prior(self, key, prior):
         """The same with another prior of the parameter (effect, symbol)."""

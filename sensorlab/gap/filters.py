@@ -73,7 +73,42 @@ def _on_average(h, scene, theta):
 def _bank(h, scene, theta):
     """`Bank` of a hypothesis at theta (M, p), its states driven evenly."""
     even, theta = h.evenly_driven(theta)
-    return bank(even, scene.dt, theta)
+    b = bank(even, scene.dt, theta)
+    return _without_states(b, _momentary(b) & (
+        np.arange(b.H.shape[2]) >= h.own_states))
+
+
+def _momentary(b):
+    """Which states (n,) of a bank have no memory: white noise that drives others, too.
+    """
+    return ~(b.Phi.any((0, 1, 2)) | b.Phi.any((0, 1, 3))) & b.Q.any((0, 1, 3))
+
+
+def _without_states(b, momentary):
+    """A bank whose output has the same covariance, with white noise in place of states
+    that have no memory.
+
+    A filter knows states x and white noise of variance r by P h and f = h' P h + r
+    alone. Covariances s of x with the noise are a part of these if S is added to P, and
+    S - Phi S Phi' to Q, of which S h = s, and h's is added to r. (Such a Q may have
+    negative eigenvalues: what it stands for can be filtered, not drawn.)
+    """
+    if not momentary.any():
+        return b
+    keep, own, r = ~momentary, b.Q, b.r
+    S = np.zeros_like(b.P0)
+    for i in np.flatnonzero(momentary):
+        s = own[:, 0, :, i] * keep
+        first = np.argmax((s != 0.0).any(0))    # observed by 1, of a pair
+        S[:, first] += s
+        S[:, :, first] += s
+        S[:, first, first] -= s[:, first]
+        r = r + own[:, :, i, i] + s[:, first, None]
+    Phi = b.Phi[:, 0]
+    Q, P0 = own[:, 0] + S - Phi @ S @ Phi.swapaxes(1, 2), b.P0 + S
+    inside = np.ix_(range(len(S)), keep, keep)
+    return Bank(Phi[inside][:, None], Q[inside][:, None], b.H[..., keep], r,
+                b.m0[:, keep], P0[inside])
 
 
 class Change(NamedTuple):
@@ -147,6 +182,23 @@ def equivalent_modes(b):
     if not a.imag.any():
         a, q, p0 = a.real, q.real, p0.real
     return Modes(a, q, p0, b.r)
+
+
+LIVES = 30.0    # time constants in a record: of a process of fewer little is known
+
+
+def leaked(own, N, back):
+    """What a spectrum of N samples of processes `own` gains (M, F) at frequencies where
+    exp(-i w) is `back` (F,), because its ends do not meet: covariances at lag k are
+    seen in 1 - |k| / N of the samples (Sykulski et al., "The debiased Whittle
+    likelihood", Biometrika 106, 2019).
+    """
+    result = np.zeros((len(own.a), len(back)))
+    for a, q in zip(own.a.T[..., None], own.q.T[..., None]):
+        if (N * (1.0 - np.abs(a)) > LIVES).all():
+            result -= 2.0 / N * (q / (1.0 - a**2) * (
+                a * back / (1.0 - a * back)**2)).real
+    return result
 
 
 def constants(h, signatures):

@@ -16,7 +16,7 @@ from scipy.stats.qmc import LatinHypercube
 from sensorid import at_quantiles, brief, free_columns
 from sensorlab.gap.catalogue import MIN_TURN
 from sensorlab.gap.evidence import NOTHING, climb
-from sensorlab.gap.filters import predict, processes
+from sensorlab.gap.filters import leaked, predict, processes
 from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
 
 
@@ -77,10 +77,11 @@ def residual_spectrum(h, scene, signatures, theta):
 
 
 def _densities(h, scene, theta, frequency):
-    """Spectra (M, F) of a member at theta (M, p)."""
-    own = processes(h, scene, theta)
-    turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency * scene.dt)
-    density = np.tile(own.r, len(turn))
+    """Spectra (M, F) of a member at theta (M, p), as a record of the scene shows them.
+    """
+    own, angle = processes(h, scene, theta), 2.0 * np.pi * frequency * scene.dt
+    turn, density = 2.0 - 2.0 * np.cos(angle), own.r + leaked(
+        own, len(scene.y), np.exp(-1j * angle))
     for a, q in zip(own.a.T[..., None], own.q.T[..., None]):
         density += (q / ((1.0 - a)**2 + a * turn)).real
     return density
@@ -251,7 +252,9 @@ def posterior_law(h, scene, signatures, other, theta, known):
     def log_posterior(x):
         theta, gain = at_quantiles(h.parameters, ndtr(x)), np.empty(len(x))
         own = processes(h, scene, theta)
-        _whittle(own.a, own.q, own.r[:, 0], turn, *seen[1:], gain)
+        # what leaks matters where there is little: at half the sampling rate, if at all
+        leak = np.maximum(leaked(own, len(scene.y), np.array([-1.0])), 0.0)
+        _whittle(own.a, own.q, (own.r + leak)[:, 0], turn, *seen[1:], gain)
         for column, p in enumerate(h.parameters):
             if isinstance(p, Sought):
                 gain += p.log_ratio(theta[:, column])
