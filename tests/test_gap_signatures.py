@@ -11,7 +11,7 @@ from scipy.stats import norm
 import sensorid
 from figures import hostile
 from sensorlab import CATALOGUE, Effect, Scene
-from sensorlab.gap import directed, filters, onsets, scans, signatures
+from sensorlab.gap import directed, evidence, filters, onsets, scans, signatures
 from sensorlab.gap.account import account
 
 
@@ -211,6 +211,39 @@ def test_a_pulse_is_found_between_its_edges(sigma_w, edges, size, reach):
                            near).gain[0]
     mean = np.exp(0.5 * (gain - gain.max())).sum() / (step * apart)
     assert_allclose(0.5 * (found.gain[best] - gain.max()), np.log(mean), atol=0.7)
+
+
+@pytest.mark.parametrize("name, shape, size, spans", [
+    ("pulse", lambda s: np.exp(-3.0 * s) * (s >= 0.0), 3.0, ((6, 1.0), (60, 3.0))),
+    ("pulse", lambda s: np.exp(-3.0 * s) * (s >= 0.0), 1.2, ((40, 1.0), (200, 5.0))),
+    ("pulse", lambda s: np.sin(np.pi * s) * (abs(s - 0.5) < 0.5), 1.5, (
+        (40, 2.0), (60, 3.0)))])
+def test_what_is_known_of_a_pulse_is_its_posterior(name, shape, size, spans):
+    """In white noise of known variance, over a dense grid: of a decay an onset may be
+    known a hundred times as well as a duration.
+    """
+    onset, duration, t = 612.0, 150.0, np.arange(1500.0)
+    y = np.random.default_rng(8).standard_normal(1500) + size * shape(
+        (t - onset) / duration)
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=10.0)
+    scene = Scene(y, 1.0, {})
+    (family,) = signatures.families(scene, [CATALOGUE[name]])
+    base = account(scene, [member(scene, h)])
+    samples = directed.directed(scene, base, [family])
+    _, found = directed.estimate_signature(scene, base, family, samples, 1)
+    (wide, step), (longer, by) = spans
+    psi = np.array([(a, b) for a in np.arange(-wide, wide + step, step)
+                    for b in np.arange(-longer, 2 * longer, by) if duration + b > 20])
+    columns = np.array([shape((t - onset - a) / (duration + b)) for a, b in psi])
+    columns -= columns.mean(1, keepdims=True)
+    gain = (columns @ y)**2 / (columns**2).sum(1)
+    mass = np.exp(0.5 * (gain - gain.max()))
+    mean, cov = evidence.moments(mass / mass.sum(), psi)
+    sd = np.sqrt(np.diag(cov))
+    for symbol, truth, off, wide in zip(("onset", "duration"), (onset, duration), mean,
+                                        sd):
+        assert abs(found.values[symbol][0] - truth - off) < 0.4 * wide + 0.6, symbol
+        assert abs(found.values[symbol][1] - wide) < 0.3 * wide + 0.3, symbol
 
 
 def test_bayes_factor_of_a_size_is_the_integral_over_it():

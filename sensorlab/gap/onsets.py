@@ -11,10 +11,9 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import find_peaks
 
 from sensorlab.gap.catalogue import DECAYS, MIN_PULSE, MIN_SHAPED, MIN_SLOW
-from sensorlab.gap.evidence import normalized
 from sensorlab.gap.kernels import KERNEL
 from sensorlab.gap.signatures import (
-    Scan, Scores, blocks, information, scores_at, unnamed)
+    Scan, Scores, blocks, information, resolved, scores_at, unnamed)
 
 
 def step_scores(scene, solved):
@@ -268,29 +267,20 @@ def _log_share(residual, onset, n, J, power):
     return min(np.log(area / cell), 0.0)
 
 
-ENOUGH = 9.0    # pulses that have the mass of a grid which is fine enough
-
-
 def resolved_span(scene, family, one, onset, duration):
-    """The family about a pulse, its ends ever closer until the grid resolves what is
-    known of them.
+    """The family about a pulse, on a grid that resolves what is known of its onset and
+    of its end, each by itself: of a decay, an onset may be known a hundred times as
+    well.
     """
     onset, n = round(onset / scene.dt), round(duration / scene.dt)
-    prior = family.effect.parameters(scene)[1]
+    prior, N = family.effect.parameters(scene)[1], len(scene.y)
     low, high = min(round(prior.low / scene.dt), n), max(prior.high / scene.dt, n)
+
+    def spans(ends):
+        begin, end = np.round(ends).astype(int).T
+        length = end - begin
+        fits = (begin > 0) & (low <= length) & (length <= high) & (end <= N)
+        return scene.dt * np.column_stack([begin, length]), fits
     apart = (DURATION_STEP - 1.0) * n / 6.0
-    while True:
-        ends = np.unique(np.round(apart * np.arange(-6, 7)).astype(int))
-        family = family._replace(psi=tuple(
-            ((onset + i) * scene.dt, (n + j - i) * scene.dt)
-            for i in ends for j in ends if onset + i > 0 and low <= n + j - i <= high
-            and onset + n + j <= len(scene.y)))
-        if apart <= 1.0:
-            return family
-        found = scores_at(scene, family, one)
-        mass = normalized(0.5 * found.gain[0])
-        alike = np.array(found.variant) == found.variant[mass.argmax()]
-        if 1.0 / np.sum(normalized(0.5 * found.gain[0, alike])**2) > ENOUGH:
-            return family
-        first, duration = np.round(found.psi[mass.argmax()] / scene.dt).astype(int)
-        onset, n, apart = first, duration, apart / 3.0
+    return resolved(scene, family, one, spans, (onset, onset + n), (apart, apart),
+                    (1.0, 1.0), 6)

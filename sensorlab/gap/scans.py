@@ -18,7 +18,7 @@ from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene
 from sensorlab.gap.kernels import KERNEL, spectrum
 from sensorlab.gap.onsets import resolved_span, span_scan, step_scan, step_scores
 from sensorlab.gap.signatures import (
-    Scan, blocks, information, least_squares, mean_bayes, scores_at, unnamed)
+    Scan, blocks, information, least_squares, mean_bayes, resolved, scores_at, unnamed)
 
 
 @njit(**KERNEL)
@@ -159,20 +159,22 @@ def _waves(scene, family, one, n, onsets):
 
 
 def _resolved_waves(scene, family, one, onset, duration, frequency):
-    """The family about waves in an envelope, ever finer."""
-    apart, prior = (duration / WAVE_PARTS, WAVE_STEP, 0.5 / duration), (
-        family.effect.parameters(scene)[1])
-    for _ in range(2):
-        family = family._replace(psi=tuple(
-            (max(onset + i * apart[0], scene.dt), np.clip(
-                duration * apart[1]**j, prior.low, prior.high), np.clip(
-                frequency + k * apart[2], 0.1 / duration, 0.5 / scene.dt))
-            for i in np.linspace(-1.0, 1.0, 5) for j in np.linspace(-1.0, 1.0, 5)
-            for k in np.linspace(-1.0, 1.0, 7)))
-        found = scores_at(scene, family, one)
-        onset, duration, frequency = found.psi[found.gain[0].argmax()]
-        apart = apart[0] / 3.0, apart[1]**(1.0 / 3.0), apart[2] / 3.0
-    return family
+    """The family about waves in an envelope, on a grid that resolves what is known of
+    their onset, duration and frequency, each by itself.
+    """
+    prior = family.effect.parameters(scene)[1]
+
+    def waves(x):
+        onset, length, frequency = x.T
+        length = np.exp(length)
+        fits = (onset >= scene.dt) & (onset < scene.duration) & (
+            length >= prior.low) & (length <= prior.high) & (
+            frequency * length >= 0.1) & (frequency <= 0.5 / scene.dt)
+        return np.column_stack([onset, length, frequency]), fits
+    return resolved(
+        scene, family, one, waves, (onset, np.log(duration), frequency),
+        (duration / WAVE_PARTS / 3.0, np.log(WAVE_STEP) / 3.0, 0.25 / duration),
+        (0.3 * scene.dt, 1e-3, 0.0), 3)
 
 
 SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
@@ -205,9 +207,9 @@ def family_bayes(scene, family, solved, one, table, likely=None):
     if family.psi is not None:
         found = scores_at(scene, family, solved)
         return mean_bayes(found.gain, table[found.k]), None
-    beyond, count = [], 0
+    count = 0
     if not likely:
-        likely, beyond, count = _scanned(scene, family, one, table)
+        likely, told, beyond, count = _scanned(scene, family, one, table)
     exact = np.empty((len(solved.base), len(likely.psi)))
     for name in np.unique(likely.variant):
         own = likely.variant == name
@@ -217,14 +219,17 @@ def family_bayes(scene, family, solved, one, table, likely=None):
     worth = _log_sum(np.maximum(exact + 2.0 * likely.log_share, 0.0), table[likely.k])
     if count:
         there = worth[int(solved.base.argmax())]
+        # a scan that says too much of these does so of the others
+        beyond += min(there - told, 0.0)
         likely = likely._replace(rest=np.logaddexp.reduce(
             [there, *beyond]) - np.log(count) - there)
     return worth + likely.rest, likely
 
 
 def _scanned(scene, family, one, table):
-    """`Likely` signatures, their rest not known yet; ln of sums of the Bayes factors of
-    all others, and how many there are in all.
+    """`Likely` signatures, their rest not known yet; ln of the sum of their Bayes
+    factors as the scan has them, and of sums of those of all others, and how many there
+    are in all.
     """
     found, beyond, count = [], [], 0
     for part in SCANS[family.effect.search](scene, family, one):
@@ -236,7 +241,8 @@ def _scanned(scene, family, one, table):
     gain, share, psi, variant = map(np.concatenate, zip(*found))
     likely = _largest(gain, 2 * LIKELY if share.any() else LIKELY)
     beyond.append(_log_sum(np.delete(gain, likely)[None], table[part.k]))
-    return Likely(psi[likely], variant[likely], share[likely], part.k, np.nan), (
+    (told,) = _log_sum(gain[None, likely], table[part.k])
+    return Likely(psi[likely], variant[likely], share[likely], part.k, np.nan), told, (
         np.concatenate(beyond)), count
 
 

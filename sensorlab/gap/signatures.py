@@ -229,6 +229,60 @@ def joined(parts):
         parts[0].k, [name for p in parts for name in p.variant])
 
 
+CLOSER, WIDER = 3.0, 2.0    # how much a grid changes at a time
+MOST_GRIDS = 12
+FEW = 2.0       # nodes that have the mass along an axis of a grid that is too coarse
+EDGE = 0.05     # of the mass of the best node along an axis: as much at its end is
+                # what a grid does not hold
+
+
+def resolved(scene, family, one, at, middle, apart, least, reach):
+    """The family on a grid of its parameter that holds what is known of it along each
+    axis, and resolves it.
+
+    Parameters
+    ----------
+    one : Solved
+        At one node.
+    at : function of (m, d)
+        psi (m, .) of coordinates, and which of them are allowed.
+    middle, apart, least : sequences of d numbers
+        Coordinates of a node that has mass, distances of nodes along each axis, and the
+        least distances.
+    reach : int
+        How many nodes there are to either side.
+    """
+    middle, apart, d = np.array(middle, float), np.array(apart, float), len(middle)
+    steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1.0)] * d, indexing="ij"),
+                     -1).reshape(-1, d)
+    apart = np.maximum(apart, least)
+    for _ in range(MOST_GRIDS):
+        psi, fits = at(middle + apart * steps)
+        tried = [tuple(own) for own in psi[fits].tolist()]
+        family = family._replace(psi=tuple(dict.fromkeys(tried)))
+        found = scores_at(scene, family, one)
+        best = found.variant[found.gain[0].argmax()]
+        gain = {tuple(own): float(gain) for own, gain, variant in zip(
+            found.psi.tolist(), found.gain[0], found.variant) if variant == best}
+        mass = np.zeros(len(steps))
+        mass[fits] = np.exp(0.5 * (np.array([gain.get(own, -np.inf) for own in tried])
+                                   - found.gain[0].max()))
+        factor, held = np.ones(d), True
+        for axis in range(d):
+            share = mass.reshape([2 * reach + 1] * d).sum(
+                tuple(other for other in range(d) if other != axis))
+            few = share.sum()**2 < FEW * (share**2).sum()
+            out = max(share[0], share[-1]) > EDGE * share.max()
+            held &= not out
+            if few != out:    # else only its middle is elsewhere
+                factor[axis] = WIDER if out else 1.0 / CLOSER
+        changed = np.maximum(apart * factor, least)
+        if held and (changed == apart).all():
+            break
+        middle, apart = (middle + apart * steps)[mass.argmax()], changed
+    return family
+
+
 MEMORY = 10**4    # samples in which a filter forgets how it began, ...
 FORGETS = 10      # ... and times as many as a signature lasts, at least
 

@@ -78,7 +78,8 @@ def unit_of(symbol, unit, column=""):
 def sizes(found, unit, dt):
     """Sizes of effects that were found, in a record in `unit` sampled at dt, as text.
     """
-    texts = [(one.name, values_text(one.values, unit, one.column, dt)) for one in found]
+    texts = [(one.name, ", ".join(filter(None, (
+        one.variant, values_text(one.values, unit, one.column, dt))))) for one in found]
     return "; ".join(f"{name}: {text}" if len(texts) > 1 else text
                      for name, text in texts if text)
 
