@@ -233,7 +233,8 @@ def _surely(scene, acc, trials, seed, before=None, near=None):
 
 def augmented(d):
     """The `Simulator` of a diagnosis with the effects that were found: ranges of the
-    base have the posterior's mean and standard deviation, the rest are numbers.
+    base have the posterior's mean and standard deviation, the phase of a line is that
+    of any record, the rest are numbers.
     """
     # a uniform range of this half-width has that standard deviation
     to, sample = d.final.member.in_units, d.final.sample
@@ -244,7 +245,15 @@ def augmented(d):
     offset = float(np.mean(d.scene.known - known))
     bias_sigma = h.bias_sigma or d.final.bases[d.final.best].hypothesis.bias_sigma
     h = h._replace(bias_sigma=max(bias_sigma, abs(offset)), bias_given=True)
-    return Simulator((h,), ((*d.known, *effects),))
+    return Simulator((h,), (tuple(map(_at_any_phase, (*d.known, *effects))),))
+
+
+def _at_any_phase(one):
+    """A line as another record has it, which begins at some other time."""
+    if one.effect.search != "frequency":
+        return one
+    return one._replace(values={**one.values,
+                                "phase": Parameter("phase", -np.pi, np.pi)})
 
 
 # ---- the simulator, and the record less what is known

@@ -193,8 +193,10 @@ def drift_table(d, unit):
 def closing(d):
     """How far the gap shrinks with what was found, in sentences."""
     if d.found and np.isfinite(d.closure.closed):
-        yield (f"closed by adding {added_names(d)}: {closed_share(d.closure)} of the "
-               "gap" + ", as the effect itself shows it" * d.directed
+        yield (f"closed by adding {added_names(d)}"
+               + ", found first but not the most probable now" * _is_other(d)
+               + f": {closed_share(d.closure)} of the gap"
+               + ", as the effect itself shows it" * d.directed
                + (f"; each sample is predicted {sharper(d.nats_per_sample)}"
                   if d.nats_per_sample else ""))
         if np.isfinite(d.by_any):
@@ -213,6 +215,13 @@ def closing(d):
                f"samples and all columns: {sharper(h.reference)}); prediction errors "
                f"are {h.ratio_before:.3g} of what is calculated before, "
                f"{h.ratio_after:.3g} after")
+
+
+def _is_other(d):
+    """Where nothing is decided, is what was added not the first of the causes?"""
+    first = next((c for c in d.causes if c.found), None)
+    return bool(d.verdict == "undecided" and first) and sorted(first.names) != sorted(
+        one.name for one in d.found)
 
 
 def left(d):
