@@ -65,9 +65,10 @@ def closure(before, after):
     if len(ways) < MIN_WAYS:    # too few do: through the statistics of the record
         ways = np.sqrt((after.null[:, out]**2).mean(1))
     low, high = np.quantile(ways, [0.025, 0.975]) - 1.0
-    closed = np.clip(1.0 - (last - 1.0 - np.array([0.0, low, high])) / (first - 1.0),
-                     -9.0, 1.0)
-    return Closure(first, last, float(closed[0]), (float(closed[1]), float(closed[2])))
+    closed, *ends = np.clip(1.0 - (last - 1.0 - np.array([0.0, low, high])) / (
+        first - 1.0), -9.0, 1.0).tolist()
+    # of what was chosen because it stands out, noise is left: ends are less that
+    return Closure(first, last, closed, (min(closed, *ends), max(closed, *ends)))
 
 
 class HeldOut(NamedTuple):
