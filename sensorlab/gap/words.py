@@ -204,7 +204,7 @@ def closing(d):
                    " to close a gap does not prove the name")
     if len(d.found) > 1:
         yield "each of them, taken out again, opens: " + ", ".join(
-            f"{one.name} {percent(part.share)}"
+            f"{_with_parameter(one)} {percent(part.share)}"
             for one, part in zip(d.found, d.parts))
     if d.held_out:
         h = d.held_out
@@ -215,6 +215,12 @@ def closing(d):
                f"samples and all columns: {sharper(h.reference)}); prediction errors "
                f"are {h.ratio_before:.3g} of what is calculated before, "
                f"{h.ratio_after:.3g} after")
+
+
+def _with_parameter(one):
+    """The name of an effect; of a wrong parameter, which it is."""
+    wrong = one.values.get("parameter")
+    return f"{one.name} {wrong[0]}" if wrong else one.name
 
 
 def _is_other(d):
