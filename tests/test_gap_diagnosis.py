@@ -314,6 +314,23 @@ def test_a_walk_that_the_simulator_lacks_is_named():
     assert abs(mean - 0.1) < 3.0 * sd
 
 
+def test_a_pulse_is_estimated_beside_what_stays():
+    """A first look takes it for correlated noise, which is dropped: a pulse that is
+    found beside that is longer than it is.
+    """
+    t, onset, duration = np.arange(3000.0), 1807.5, 265.4
+    y = np.random.default_rng(5).standard_normal(3000) + np.where(
+        t > onset, 6.0 * np.exp(-3.0 * np.maximum(t - onset, 0.0) / duration), 0.0)
+    d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis(
+        "white_noise", sigma_v=(0.5, 2.0))])
+    assert d.verdict == "pulse"
+    (one,) = d.found
+    mean, sd = one.values["duration"]
+    assert abs(mean - duration) < 3.0 * sd and 9.0 < sd < 18.0    # 13 by a dense grid
+    mean, sd = one.values["onset"]
+    assert abs(mean - onset) < 0.6 and 0.2 < sd < 0.5
+
+
 def test_two_steps_and_a_pulse_are_no_telegraph():
     rng = np.random.default_rng(0)
     y = np.cumsum(0.05 * rng.standard_normal(1000)) + 0.5 * rng.standard_normal(1000)

@@ -151,7 +151,7 @@ def _without_needless(full, acc, path, leaves, prior):
     """The account and the path without what was found before and is not needed beside
     what is found now: what one effect seemed to be two others may explain.
     """
-    lesser = {}
+    lesser, every = {}, path.found
     for number, one in reversed(list(enumerate(path.found[:-1]))):
         if one.effect.reading:
             continue
@@ -165,7 +165,30 @@ def _without_needless(full, acc, path, leaves, prior):
             leaves.pop(path.effect, None)
         elif log_odds < HOPELESS_NATS:    # it is known well
             lesser[number] = less
+    if len(path.found) < len(every):
+        again = _last_again(full, acc, path)
+        if again:
+            acc, path, lesser = *again, {}
+            leaves.pop(path.effect, None)
     return acc, lesser, path, leaves
+
+
+def _last_again(full, acc, path):
+    """An account and a path whose last effect is sought again, or None: beside what is
+    dropped now it had another onset or duration.
+    """
+    scene, one = as_read(full, acc.readings), path.found[-1]
+    if not (one.effect.columns and one.effect.parameters(scene)):
+        return None
+    less, rest = _less(full, acc, {}, path, len(path.found) - 1)
+    look = further_causes(scene, less, [one.effect])
+    best = next((c for c in look.causes if c.found), None)
+    if look.account is None or best.column != one.column or (
+            look.account.log_evidence <= acc.log_evidence):
+        return None
+    return look.account, path._replace(
+        found=rest.found + best.found,
+        log_bayes=rest.log_bayes + look.account.log_evidence - less.log_evidence)
 
 
 class _Exchanged(NamedTuple):
