@@ -8,7 +8,8 @@ from sensorlab.gap.catalogue import CATALOGUE, lattice_between
 from sensorlab.gap.causes import ALL, LISTED_FROM
 from sensorlab.gap.closure import LAGS
 from sensorlab.gap.places import FAR_OUT, UNITS
-from sensorlab.gap.sizes import chance, number, odds, percent, sizes, values_text
+from sensorlab.gap.sizes import (
+    chance, number, odds, percent, sizes, unit_of, values_text)
 from sensorlab.gap.verdict import SURE, names_in, present, split_families
 from sensorlab.tables import Table, as_text
 
@@ -283,6 +284,16 @@ def advice(d, unit):
         elif one.variant:
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "
                    f"probability {one.share:.2f} among its forms; its size is of that")
+    for one in d.found:
+        for p in one.effect.parameters(d.scene):
+            mean, sd = one.values[p.symbol]
+            if p.log and sd < WELL_KNOWN * mean and not p.low < mean - 2.0 * sd <= (
+                    mean + 2.0 * sd) < p.high:
+                end, more = (p.high, "more") if mean > np.sqrt(
+                    p.low * p.high) else (p.low, "less")
+                yield (f"{p.symbol} of {one.name} is at the end of what was tried, "
+                       f"{number(end, 3)} {unit_of(p.symbol, unit)}".rstrip()
+                       + f": it may be {more}")
     for r in d.final.readings:
         if r.moved:
             lsb = f"multiples of {number(r.found.values['lsb'], 3)} {unit}"
@@ -301,6 +312,9 @@ def advice(d, unit):
     if d.verdict == "undecided":
         yield (f"a record of about {float(f'{d.needed_duration:.2g}'):g} s would "
                "tell the first two apart, if the odds grow as they did")
+
+
+WELL_KNOWN = 0.2    # of a parameter: less well known, it may be anywhere
 
 
 def clusters(x):
