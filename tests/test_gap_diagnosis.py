@@ -211,6 +211,23 @@ def test_a_colour_is_named(effect, variant, values):
     assert (saved.name, saved.variant) == (effect, variant)
 
 
+def test_another_form_of_a_low_pass_is_a_wrong_parameter():
+    low_pass = Found(EFFECTS["bandwidth"], "", "first order", account.fixed(tau=0.6))
+    simulator = sensorlab.Simulator(tuple(WHITE_OF_A_RANGE), ((low_pass,),))
+    y = white_with(low_pass._replace(variant="digital", values=account.fixed(tau=1.5)),
+                   samples=1500, seed=11)
+    d = sensorlab.diagnose(y, DT, simulator)
+    assert d.verdict == "wrong_parameter"
+    (one,) = d.found
+    assert one.values["parameter"][0] == "bandwidth.tau"
+    assert one.values["form"][0] == "digital"
+    mean, sd = one.values["factor"]
+    assert abs(0.6 * mean - 1.5) < 4.0 * 0.6 * sd
+    (saved,) = sensorlab.augmented(d).effects[0]
+    assert (saved.name, saved.variant) == ("bandwidth", "digital")
+    assert sensorlab.diagnose(y, DT, sensorlab.augmented(d)).verdict == "none"
+
+
 @pytest.mark.parametrize("ratio", [
     5.0, pytest.param(0.2, marks=pytest.mark.large)])
 def test_a_change_of_what_drives_a_walk_is_named(ratio, tmp_path):

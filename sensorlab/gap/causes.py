@@ -599,7 +599,8 @@ def without(full, acc, found, number, floor=-np.inf):
         key = _wrong_key(one)
         hypotheses = [
             h if _column(base, key) is None else h.with_prior(
-                key, base.parameters[_column(base, key)])
+                key, base.parameters[_column(base, key)]).with_form(
+                    key[0], _form(acc.bases, key[0]))
             for h, base in zip(hypotheses, acc.bases)]
     else:
         key = _inside(acc, found, number).key
@@ -648,7 +649,8 @@ def _has_room(effect, acc):
 
 
 def _with_wrong_parameters(scene, acc, effect, floor):
-    """Rivals in which one parameter of the simulator may leave its bounds.
+    """Rivals in which one parameter of the simulator may leave its bounds; if it is of
+    an effect that has several forms, in any of them.
 
     A range is left alone unless the record pushes against one of its ends.
     """
@@ -657,12 +659,29 @@ def _with_wrong_parameters(scene, acc, effect, floor):
                    for h, sample in zip(acc.hypotheses, acc.samples)]
         if not any(pushed for _, pushed in widened):
             continue
-        wide = account(scene, acc.bases, [h for h, _ in widened], acc.signatures,
-                       acc.readings, acc, floor)
-        name = ".".join(filter(None, key))
-        yield _Rival(effect, name, _log_bayes(wide, acc), account=wide,
-                     values=dict(parameter=(name, 0.0),
-                                 factor=_factor(key, acc.hypotheses, wide)))
+        name, (own, _) = ".".join(filter(None, key)), key
+        for form in _forms(acc.bases, own):
+            wide = account(scene, acc.bases, [
+                h.with_form(own, form) for h, _ in widened], acc.signatures,
+                acc.readings, acc, floor)
+            other = {} if form == _form(acc.bases, own) else dict(form=(form, 0.0))
+            yield _Rival(effect, name, _log_bayes(wide, acc), account=wide,
+                         values=dict(parameter=(name, 0.0), **other,
+                                     factor=_factor(key, acc.hypotheses, wide)))
+
+
+def _form(bases, key):
+    """Which form of an effect, by its key, a simulator has; "" if there is but one."""
+    return next((one.variant or one.effect.variants[0] for base in bases
+                 for one in base.effects if one.key == key and one.effect.variants), "")
+
+
+def _forms(bases, key):
+    """The form of an effect that a simulator has, then all others."""
+    own = _form(bases, key)
+    others = next((one.effect.variants for base in bases for one in base.effects
+                   if one.key == key), ())
+    return (own, *(form for form in others if form != own))
 
 
 ALL = "all"    # standard deviations, by one factor

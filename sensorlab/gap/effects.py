@@ -347,11 +347,8 @@ class Member(NamedTuple):
     def joined(self, one):
         """The same with one more effect as `Found`, of a key of its own."""
         last = max((e.number for e in self.effects if e.name == one.name), default=0)
-        effects = *self.effects, one._replace(number=last + 1)
-        if any(e.effect.of_white for e in effects):
-            effects = tuple(e._replace(variant=dict(e.effect.uneven).get(
-                e.variant, e.variant)) for e in effects)
-        return self._replace(effects=effects)
+        return self._replace(effects=_with_even_forms(
+            (*self.effects, one._replace(number=last + 1))))
 
     def with_prior(self, key, prior):
         """The same with another prior of the parameter (effect, symbol)."""
@@ -363,6 +360,12 @@ class Member(NamedTuple):
         return self._replace(hypothesis=self.hypothesis._replace(parameters=tuple(
             prior if p.symbol == symbol else p for p in self.hypothesis.parameters)))
 
+    def with_form(self, key, form):
+        """The same with another form of the effect that has a key, if it has forms."""
+        return self._replace(effects=_with_even_forms(
+            one._replace(variant=form) if one.key == key and one.effect.variants
+            else one for one in self.effects))
+
     def matching(self, other, theta):
         """Parameters (p,) of another member that are those of this one at theta, or
         fixed.
@@ -370,6 +373,17 @@ class Member(NamedTuple):
         own = dict(zip(self.keys, theta))
         return np.array([own.get(key, p.low)
                          for key, p in zip(other.keys, other.parameters)])
+
+
+def _with_even_forms(effects):
+    """Effects, those in a form that takes even noise in that which stands in for it, if
+    white noise changes.
+    """
+    effects = tuple(effects)
+    if not any(one.effect.of_white for one in effects):
+        return effects
+    return tuple(one._replace(variant=dict(one.effect.uneven).get(
+        one.variant, one.variant)) for one in effects)
 
 
 def members(simulator, scene):

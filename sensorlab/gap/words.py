@@ -49,8 +49,9 @@ def phrase(effect, found=()):
         effect, _, symbol = one.values["parameter"][0].rpartition(".")
         if symbol == ALL:
             return "the right scale of all its standard deviations"
-        return f"the right {symbol} of its {effect.replace('_', ' ')}" if effect else (
-            f"the right value of {symbol}")
+        form = "form and " * ("form" in one.values)
+        return f"the right {form}{symbol} of its {effect.replace('_', ' ')}" if (
+            effect) else f"the right value of {symbol}"
     return PHRASES.get(effect, effect.replace("_", " "))
 
 
