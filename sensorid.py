@@ -158,10 +158,15 @@ def check_record(y, dt):
     if (observed == observed[0]).all():
         raise ValueError(f"the record is constant ({observed[0] + 0.0:g}): "
                          "there is no error model to identify, check the column")
-    if not SCALE[0] < np.ptp(observed) <= 2.0 * np.abs(observed).max() < SCALE[1]:
-        raise ValueError(f"the record runs from {observed.min():g} to "
-                         f"{observed.max():g}: choose a unit in which it varies by more"
-                         f" than {SCALE[0]:g} and less than {SCALE[1]:g}")
+
+
+def check_unit(y):
+    """Refuse a record whose numbers are too small or too large to be worked with."""
+    low, high = float(np.nanmin(y)), float(np.nanmax(y))
+    if not SCALE[0] < high - low <= 2.0 * max(-low, high) < SCALE[1]:
+        raise ValueError(f"the record runs from {low:g} to {high:g}: choose a unit in "
+                         f"which it varies by more than {SCALE[0]:g} and less than "
+                         f"{SCALE[1]:g}")
 
 
 @contextlib.contextmanager
@@ -532,6 +537,7 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
     """
     y = as_samples(y)
     check_record(y, dt)
+    check_unit(y)
     seen = y[~np.isnan(y)]
     short = np.sqrt(np.mean(np.diff(seen)**2)) or np.ptp(seen) / len(seen)
     wide = max(np.std(seen), short)
@@ -669,7 +675,7 @@ def _response(Phi, Gamma, H, Psi, x0, w, v):
 #
 # Nodes are spaced evenly in ln theta (in theta where a range reaches below zero).
 
-FLOOR = 1e-4    # a uniform range from 0 is gridded from FLOOR * high: 1e-4 of its mass
+FLOOR = 1e-8    # a uniform range from 0 is gridded from FLOOR * high: 1e-8 of its mass
 
 
 class Grid(NamedTuple):
@@ -686,6 +692,9 @@ class Grid(NamedTuple):
     power: float              # prior of ln scale: scale**power
 
 
+ANYWHERE = 0.618    # quantile of a prior at which nothing is special
+
+
 def _scale_parameter(h, dt):
     """Column of the parameter that serves as the scale, or None where none can.
 
@@ -695,7 +704,7 @@ def _scale_parameter(h, dt):
     if not sigma or any(not h.parameters[c].free and h.parameters[c].high > 0
                         for c in sigma):
         return None
-    once = np.array([p.mean for p in h.parameters])
+    once = np.array([p.quantile(ANYWHERE) for p in h.parameters])    # 0 is special
     twice = once.copy()
     twice[sigma] *= 2.0
     one, two = h.filter(dt, once), h.filter(dt, twice)
@@ -1679,6 +1688,11 @@ def filter_bank(b, y, stops, pairs=None):
         raise ValueError("samples are missing in some records only: filter these apart")
     if np.any(np.diff(stops) <= 0) or not 1 <= stops[0] <= stops[-1] <= y.shape[1]:
         raise ValueError(f"stops {list(stops)} do not increase within 1..{y.shape[1]}")
+    for part in b[:4]:
+        if 1 < part.shape[1] < y.shape[1]:
+            raise ValueError(f"a shaping filter has matrices for {part.shape[1]} "
+                             f"samples, the record has {y.shape[1]}: give one for all "
+                             "samples, or one for each")
     return _sums(b, np.where(gap, 0.0, y) if gap[0].any() else y, 1.0 - gap[0], stops,
                  None if pairs is None else np.reshape(pairs, (-1, 2)).astype(int))
 
@@ -1716,6 +1730,8 @@ def _even_runs(r):
                                ), r.shape[1]
     if len(since) * SETTLING > samples:
         return np.arange(samples), r
+    if since[-1] == len(since) - 1 > 0:    # the first few are no sign of every sample
+        since = np.append(since, len(since) + 1)
     return since, r[:, since]
 
 
@@ -2313,8 +2329,9 @@ def _masses(g, record, bias):
 def _zoomed(h, dt, record, bias, max_nodes):
     """`resolve` by a grid that zooms in on the posterior."""
     box, updates = prior_box(h, dt), 0
-    d = len(box.low)
+    d, p = len(box.low), len(h.parameters)
     nodes = [1, 32, 20][d]
+    known = np.array([False, *(not q.free for q in h.parameters), *[False] * d])
     past, settled = np.inf, d == 0
     for _ in range(MAX_ZOOMS):
         g = grid(h, dt, nodes, box)
@@ -2328,7 +2345,8 @@ def _zoomed(h, dt, record, bias, max_nodes):
         if (nodes_per_sd >= NODES_PER_SD).all() and not view.tempered and not view.cut:
             # the average may hide a corner: believed when a finer grid says the same
             here, sd = np.append(log_evidence, mean), np.sqrt(np.diagonal(cov))
-            settled = bool((abs(here - past) <= SETTLED * np.append(1.0, sd)).all())
+            settled = bool((abs(here - past) <= SETTLED * np.append(1.0, sd))[
+                ~known[:len(here)]].all())
             if settled:
                 break
             past, shrunk = here, 1.0
@@ -2337,7 +2355,6 @@ def _zoomed(h, dt, record, bias, max_nodes):
             if nodes**d > max_nodes:
                 break
         box = view.box
-    p = len(h.parameters)
     at = ndtri((np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS)[:, None]
     at /= np.sqrt(np.mean(at**2))
     return Estimate(h, log_evidence, mean[:p], cov[:p, :p],
@@ -2422,6 +2439,7 @@ def identify(y, dt, hypotheses=None, progress=None):
     """
     y = as_samples(y)
     check_record(y, dt)
+    check_unit(y)
     hypotheses = (default_hypotheses(y, dt) if hypotheses is None
                   else as_hypotheses(hypotheses))
     estimates = []
@@ -2487,7 +2505,7 @@ def estimate_state(y, estimate, dt):
     mean, covariance : (n + 1,), (n + 1, n + 1) array
         The states of the shaping filter, then the bias.
     """
-    h = estimate.hypothesis
+    h, y = estimate.hypothesis, as_samples(y)
     b = bank(h, dt, estimate.theta)
     observed = 1.0 - np.isnan(y)
     offset = np.nanmean(y)
@@ -2598,14 +2616,16 @@ def _run_chunk(truths, grids, algorithms, dt, stops, seed, first, last):
     trials = simulate(truths, dt, int(stops[-1]), last - first, seed, first)
     log_evidence, mean, variance, truth = [], [], [], []
     for k, g in enumerate(grids):
-        p = g.theta.shape[1]
         evidence, means, covariances = (
             np.stack(part, 1) for part in zip(*posteriors(g, trials.error, stops)))
         log_evidence.append(evidence)
         mean.append(means)
         variance.append(np.diagonal(covariances, axis1=2, axis2=3))
-        truth.append(np.where((trials.hypothesis == k)[:, None],
-                              trials.theta[:, :p], np.nan))
+        own = [q.symbol for q in truths[k].parameters] if k < len(truths) else []
+        truth.append(np.column_stack([
+            np.where(trials.hypothesis == k, trials.theta[:, own.index(q.symbol)],
+                     np.nan) if q.symbol in own else np.full(len(trials.theta), np.nan)
+            for q in g.hypothesis.parameters]))
     hypotheses, truth = tuple(g.hypothesis for g in grids), np.concatenate(truth, 1)
     shape = len(truth), len(stops), len(algorithms)
     choice, guess = np.zeros(shape, int), np.zeros((*shape, truth.shape[1]))
@@ -2724,7 +2744,8 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     times : (T,) array, optional
         Times, s, at which the criteria are wanted, each a number of samples times dt.
     truths : sequence of Hypothesis, optional
-        What the trials are drawn from, where the algorithm shall be wrong about it.
+        What the trials are drawn from, one for each hypothesis, where the algorithm
+        shall be wrong about it. Parameters that both have are compared, by symbol.
     grids : sequence of Grid, optional
         One per hypothesis; by default grids that resolve the posterior.
     algorithms : dict of functions, optional
@@ -2830,8 +2851,8 @@ def _criteria(hypotheses, grids, reached, time, algorithms, chunk):
     labels, rsd, squares = [], [], []
     listed = [(h, p) for h in hypotheses for p in h.parameters]
     for column, (h, p) in enumerate(listed):
-        if p.free:
-            own = ~np.isnan(chunk.truth[:, column])
+        own = ~np.isnan(chunk.truth[:, column])
+        if p.free and own.any():
             truth = chunk.truth[own, column, None]
             square = (truth - chunk.mean[own, :, column])**2
             labels.append(f"{h.name}.{p.symbol}")
@@ -3235,7 +3256,7 @@ def allan_misfit(y, dt, estimate):
     (edf of NIST SP 1065, Table 5), a lower bound for slower noises: a hint, not a test.
     """
     y = as_samples(y)
-    seen = 1.0 - np.isnan(y).mean()
+    missing = np.append(0, np.cumsum(np.isnan(y)))
     filt = estimate.hypothesis.filter(dt, estimate.mean)
     tau, adev = allan_deviation(y, dt)
     if not len(tau):
@@ -3245,8 +3266,9 @@ def allan_misfit(y, dt, estimate):
     tau, adev = (tau[keep], adev[keep]) if keep.any() else (tau[:1], adev[:1])
     m = np.round(tau / dt).astype(int)
     model = np.sqrt(model_allan_variance(filt, m))
+    whole = [np.mean(missing[2 * n:] == missing[:-2 * n]) for n in m]    # of the pairs
     edf = ((1.5 * (len(y) - 1) / m - 2 * (len(y) - 2) / len(y))
-           * 4 * m**2 / (4 * m**2 + 5)) * seen**(2 * m)    # of pairs without a gap
+           * 4 * m**2 / (4 * m**2 + 5)) * whole
     z = np.log(adev / model) * np.sqrt(2.0 * np.maximum(edf, 1.0))
     worst = int(np.abs(z).argmax())
     ratio = float(adev[worst] / model[worst])

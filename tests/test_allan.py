@@ -65,6 +65,19 @@ def test_missing_samples_leave_out_their_pairs_of_clusters():
     assert np.isnan(s.allan_variance(np.where(np.arange(9) % 2, np.nan, 1.0), 1.0, 2))
 
 
+def test_one_gap_hides_no_misfit():
+    h = s.hypothesis("white_noise", sigma_v=(0.3, 3.0))
+    truth = s.hypothesis("random_walk", sigma_w=0.02, sigma_v=1.0)
+    sds = np.empty((10, 2))
+    for y, own in zip(s.simulate([truth], 1.0, 4000, 10, seed=5).error, sds):
+        gap = y.copy()
+        gap[1500:2500] = np.nan
+        own[:] = [abs(s.allan_misfit(one, 1.0, s.identify(one, 1.0, h).best).sd)
+                  for one in (y, gap)]
+    whole, less = np.median(sds, axis=0)
+    assert 0.6 < less / whole < 1.1    # three of four samples are left
+
+
 def test_a_record_too_short_is_refused():
     with pytest.raises(ValueError, match="m = 6 does not fit a record of 11 samples"):
         s.allan_variance(np.arange(11.0), 1.0, 6)

@@ -297,6 +297,29 @@ def test_noise_that_changes_seldom_does_what_a_dense_covariance_does(n, mixed, s
             assert_allclose(other.log_det, sums.log_det, rtol=1e-9)
 
 
+@pytest.mark.parametrize("first", [1, 2, 3])
+@pytest.mark.parametrize("stops", [[900], [300, 900]])
+def test_noise_that_changes_in_the_first_samples_alone(first, stops):
+    psi = np.full(900, 0.5)
+    psi[:first] = 2.0 + np.arange(first)
+    h = s.hypothesis(lambda dt: s.shaping_filter(
+        [[0.9]], [[0.3]], [1.0], psi, P0=[[1.0]]), "start")
+    y = np.random.default_rng(1).standard_normal((1, 900))
+    *_, sums = s.filter_bank(s.bank(h, 1.0, np.empty((1, 0))), y, stops)
+    one = np.ones((1, 1))
+    C = np.diag(psi**2) + naive.covariance(
+        0.9 * one, 0.3 * one, one, 0.0 * one, one, 900)
+    assert_allclose(sums.chi2[0, 0], y[0] @ np.linalg.solve(C, y[0]), rtol=1e-9)
+    assert_allclose(sums.log_det[0], np.linalg.slogdet(C)[1], rtol=1e-9)
+
+
+def test_matrices_for_fewer_samples_than_a_record_are_refused():
+    h = s.hypothesis(lambda dt: s.shaping_filter([[0.9]], [[0.3]], [1.0], np.linspace(
+        0.5, 1.0, 20)), "short")
+    with pytest.raises(ValueError, match="matrices for 20 samples, the record has 400"):
+        next(s.filter_bank(s.bank(h, 1.0, np.empty((1, 0))), np.ones((1, 400)), [400]))
+
+
 @pytest.mark.parametrize("name", ["white_noise", "random_walk", "markov",
                                   "random_walk_markov", "two_markov"])
 def test_a_bank_of_all_nodes_at_once_equals_its_filters(name):

@@ -68,6 +68,17 @@ def test_a_damaged_chunk_is_computed_again(tmp_path):
         same(first, s.criteria(H, 1.0, 50.0, 32, seed=4, checkpoint=tmp_path))
 
 
+def test_parameters_of_other_truths_are_compared_by_symbol():
+    walk = s.hypothesis("random_walk", sigma_w=(0.04, 0.15), sigma_v=(0.25, 1.0))
+    white = s.hypothesis("white_noise", sigma_v=(0.25, 1.0))
+    c = s.criteria([walk, white], 1.0, 300, trials=64, times=[300], truths=[
+        s.hypothesis("markov", tau_m=(60, 1500), sigma_m=(0.5, 1.5),
+                     sigma_v=(0.25, 1.0)), white])
+    # a walk has no tau_m, a Markov process no sigma_w
+    assert c.labels == ("random_walk.sigma_v", "white_noise.sigma_v")
+    assert all(0.02 < curve.real[0] < 0.1 for curve in c.rsd)
+
+
 def test_about_zero_nothing_is_relative():
     h = s.hypothesis("rate_ramp", slope=(-0.1, 0.1), sigma_v=1.0)
     c = s.criteria([h], 1.0, 20.0, 16, seed=1)

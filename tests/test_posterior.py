@@ -148,6 +148,44 @@ def test_point_masses_have_the_quantiles_of_the_posterior(number):
             assert ks.statistic < 1.63 / np.sqrt(200) + 1 / 32, (h.name, p.symbol)
 
 
+@pytest.mark.parametrize("high", [1e2, 1e4, 1e6])
+def test_a_range_from_zero_may_end_far_away(high):
+    N, y = 300, np.random.default_rng(0).normal(0.0, 0.5, 300)
+    sigma = np.linspace(0.3, 0.8, 4001)    # the bias, and what is about the mean
+    ll = -0.5 * (N * np.log(2.0 * np.pi) + (N - 1) * np.log(sigma**2)
+                 + N * np.var(y) / sigma**2 + np.log(sigma**2 + N)
+                 + N * np.mean(y)**2 / (sigma**2 + N))
+    mass = np.exp(ll - ll.max())
+    log_evidence = ll.max() + np.log(mass.sum() * (sigma[1] - sigma[0]))
+    mean = mass @ sigma / mass.sum()
+    sd = np.sqrt(mass @ (sigma - mean)**2 / mass.sum())
+    (e,) = s.identify(y, 1.0, s.hypothesis("white_noise", sigma_v=(0.0, high),
+                                           bias_sigma=1.0)).estimates
+    assert e.settled
+    assert_allclose(e.log_evidence, log_evidence - np.log(high), atol=2e-3)
+    assert_allclose(e.mean[0], mean, rtol=1e-3)
+    assert_allclose(np.sqrt(e.covariance[0, 0]), sd, rtol=0.01)
+
+
+def test_a_level_of_noise_whose_prior_is_about_zero_is_no_scale():
+    def model(dt, c, sigma_v):
+        return s.shaping_filter([[0.9]], [[c]], [1.0], sigma_v)
+    y = s.simulate([s.hypothesis(model, c=0.8, sigma_v=0.5)], 1.0, 200, seed=1).error[0]
+    both, half = (s.identify(y, 1.0, s.hypothesis(
+        model, c=ends, sigma_v=(0.1, 2.0))).best for ends in ((-2.0, 2.0), (0.0, 2.0)))
+    assert_allclose(both.log_evidence, half.log_evidence, atol=1e-3)    # by symmetry
+    assert_allclose(both.covariance[0, 0], half.mean[0]**2 + half.covariance[0, 0],
+                    rtol=1e-2)
+    assert_allclose(both.mean[1], half.mean[1], rtol=1e-3)
+
+
+def test_a_known_parameter_leaves_the_others_settled():
+    truth = s.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.3)
+    h = s.hypothesis("random_walk", sigma_w=(0.01, 0.5), sigma_v=0.3)
+    assert all(s.identify(y, 1.0, h).best.settled
+               for y in s.simulate([truth], 1.0, 200, trials=20).error)
+
+
 def test_state_equals_the_reference_implementation():
     H = [s.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5),
          s.hypothesis("markov", tau_m=20.0, sigma_m=1.0, sigma_v=0.5, bias_sigma=2.0)]
@@ -162,6 +200,8 @@ def test_state_equals_the_reference_implementation():
         mean, cov = s.estimate_state(y, e, 1.0)
         assert_allclose(mean, node.x, rtol=1e-8)
         assert_allclose(cov, node.P, rtol=1e-8)
+        masked = np.ma.masked_array(np.where(np.isnan(y), 1e3, y), np.isnan(y))
+        assert_allclose(s.estimate_state(masked, e, 1.0)[0], mean, rtol=1e-12)
 
 
 def test_a_large_bias_costs_no_accuracy():

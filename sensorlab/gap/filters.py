@@ -74,14 +74,18 @@ def _bank(h, scene, theta):
     """`Bank` of a hypothesis at theta (M, p), its states driven evenly."""
     even, theta = h.evenly_driven(theta)
     b = bank(even, scene.dt, theta)
-    return _without_states(b, _momentary(b) & (
-        np.arange(b.H.shape[2]) >= h.own_states))
+    momentary = _momentary(b)
+    if momentary.any():
+        momentary[:h.own_states] = False    # those of effects alone
+    return _without_states(b, momentary)
 
 
 def _momentary(b):
-    """Which states (n,) of a bank have no memory: white noise that drives others, too.
+    """Which states (n,) of a bank are observed by 1 and have no memory: white noise
+    that drives others, too.
     """
-    return ~(b.Phi.any((0, 1, 2)) | b.Phi.any((0, 1, 3))) & b.Q.any((0, 1, 3))
+    return ~(b.Phi.any((0, 1, 2)) | b.Phi.any((0, 1, 3))) & b.Q.any((0, 1, 3)) & (
+        b.H == 1.0).all((0, 1))
 
 
 def _without_states(b, momentary):
@@ -99,7 +103,7 @@ def _without_states(b, momentary):
     S = np.zeros_like(b.P0)
     for i in np.flatnonzero(momentary):
         s = own[:, 0, :, i] * keep
-        first = np.argmax((s != 0.0).any(0))    # observed by 1, of a pair
+        first = np.argmax((s != 0.0).any(0))    # of a pair: it is observed by 1
         S[:, first] += s
         S[:, :, first] += s
         S[:, first, first] -= s[:, first]
