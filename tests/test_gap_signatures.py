@@ -246,6 +246,17 @@ def test_what_is_known_of_a_pulse_is_its_posterior(name, shape, size, spans):
         assert abs(found.values[symbol][1] - wide) < 0.3 * wide + 0.3, symbol
 
 
+@pytest.mark.parametrize("off", [0.0, 1e-12, -1e-12])
+def test_waves_at_the_end_of_their_range_have_a_grid(off):
+    scene = Scene(np.random.default_rng(4).standard_normal(200), 1.0, {})
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    solved = filters.solve(member(scene, h), scene, (), np.array([[1.0]]))
+    longest = CATALOGUE["ringing"].parameters(scene)[1].high
+    family = scans._resolved_waves(scene, signatures.Family(CATALOGUE["ringing"], ""),
+                                   solved, 50.0, longest * (1.0 + off), 0.5)
+    assert len(family.psi) > 1
+
+
 def test_bayes_factor_of_a_size_is_the_integral_over_it():
     z, k = 3.0, np.arange(1, len(signatures.SIZES) + 1)
     by_hand = np.average([quadrature.quad(

@@ -163,6 +163,7 @@ def _resolved_waves(scene, family, one, onset, duration, frequency):
     their onset, duration and frequency, each by itself.
     """
     prior = family.effect.parameters(scene)[1]
+    duration = float(np.clip(duration, prior.low, prior.high))
 
     def waves(x):
         onset, length, frequency = x.T

@@ -247,8 +247,8 @@ def resolved(scene, family, one, at, middle, apart, least, reach):
     at : function of (m, d)
         psi (m, .) of coordinates, and which of them are allowed.
     middle, apart, least : sequences of d numbers
-        Coordinates of a node that has mass, distances of nodes along each axis, and the
-        least distances.
+        Coordinates of a node that has mass, which is allowed, distances of nodes along
+        each axis, and the least distances.
     reach : int
         How many nodes there are to either side.
     """
@@ -258,6 +258,7 @@ def resolved(scene, family, one, at, middle, apart, least, reach):
     apart = np.maximum(apart, least)
     for _ in range(MOST_GRIDS):
         psi, fits = at(middle + apart * steps)
+        fits[len(steps) // 2] = True    # it has mass, but for rounding in its range
         tried = [tuple(own) for own in psi[fits].tolist()]
         family = family._replace(psi=tuple(dict.fromkeys(tried)))
         found = scores_at(scene, family, one)
