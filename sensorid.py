@@ -1461,11 +1461,11 @@ def _advance_abreast(y, observed, first, pairs, entries, *groups):
 
     y (., n_samples); entries (K, 2) rows and columns of Phi that are not zero. Of every
     group: `rows` (C, M) of y that are records of a node, beside which there are ones;
-    Phi, Q (1 or N, n, n, M), H (1 or N, n, M); `since` (R,) and r (M or fewer, R), from
-    which sample on the white noise has which variance, that of the last node for the
-    rest; filtered state x (C + 1, n, M) and covariance P (n, n, M); sums (C + 1, 2, M)
-    of nu^2/f and nu mu/f, the last row information and log_det; products (P, M) of
-    nu nu/f of pairs (P, 2) of records.
+    Phi, Q (1 or N, n, n, M), H (1 or N, n, M); `since` (R,) or None, and r (M or fewer,
+    R), from which sample on the white noise has which variance, that of the last node
+    for the rest; filtered state x (C + 1, n, M) and covariance P (n, n, M); sums
+    (C + 1, 2, M) of nu^2/f and nu mu/f, the last row information and log_det; products
+    (P, M) of nu nu/f of pairs (P, 2) of records.
     """
     side_by_side(lambda group: _advance_group(y, observed, first, pairs, entries,
                                               *group), list(zip(*groups)))
@@ -1527,7 +1527,7 @@ def _gains_of_group(observed, first, P, log_det, entries, away, Phi, Q, H, since
     that mix with those at most so far `away`. Where white noise changes seldom, gains
     settle in each run in between.
     """
-    samples, seldom = len(observed), _is_seldom(since)
+    samples, seldom = len(observed), since is not None
     starts = np.maximum(since - first, 0) if seldom else [0]
     for number, (begin, end) in enumerate(zip(starts, [*starts[1:], samples])):
         if begin >= min(end, samples):
@@ -1704,7 +1704,7 @@ def _sums(b, y, observed, stops, pairs):
         b, len(y), len(pairs)) else _sums_abreast
     if _is_scalar(b):    # of others, every group has its own runs
         own, r = _even_runs(b.r)
-        if _is_seldom(own):
+        if own is not None:
             run = (_sums_pairs if pairs is not None else _sums_records if len(y) == 1
                    else _sums_trials)
             b, since, ends = b._replace(r=r), own, np.union1d(stops, own[1:])
@@ -1723,21 +1723,14 @@ def _sums(b, y, observed, stops, pairs):
 
 def _even_runs(r):
     """Samples (R,) from which on white noise of variance r (M, 1 or N) is even, and its
-    variances (M, R) from there on; every sample, where it changes so often that gains
+    variances (M, R) from there on; None and r, where it changes so often that gains
     would not settle in between.
     """
     since, samples = np.append(0, np.flatnonzero((r[:, 1:] != r[:, :-1]).any(0)) + 1
                                ), r.shape[1]
-    if len(since) * SETTLING > samples:
-        return np.arange(samples), r
-    if since[-1] == len(since) - 1 > 0:    # the first few are no sign of every sample
-        since = np.append(since, len(since) + 1)
+    if 1 < samples < len(since) * SETTLING:
+        return None, r
     return since, r[:, since]
-
-
-def _is_seldom(since):
-    """Are these samples of `_even_runs` not every one of a record?"""
-    return len(since) == 1 or since[-1] >= len(since)
 
 
 SMALL = 10**5    # samples of records in groups of nodes: a few milliseconds

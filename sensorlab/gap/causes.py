@@ -660,11 +660,12 @@ def _with_wrong_parameters(scene, acc, effect, floor):
         if not any(pushed for _, pushed in widened):
             continue
         name, (own, _) = ".".join(filter(None, key)), key
-        for form in _forms(acc.bases, own):
+        forms = _forms(acc.bases, own)
+        for form in forms:
             wide = account(scene, acc.bases, [
                 h.with_form(own, form) for h, _ in widened], acc.signatures,
                 acc.readings, acc, floor)
-            other = {} if form == _form(acc.bases, own) else dict(form=(form, 0.0))
+            other = {} if form == forms[0] else dict(form=(form, 0.0))
             yield _Rival(effect, name, _log_bayes(wide, acc), account=wide,
                          values=dict(parameter=(name, 0.0), **other,
                                      factor=_factor(key, acc.hypotheses, wide)))

@@ -115,7 +115,7 @@ def _dialect(lines):
     full = [(k, line) for k, line in enumerate(lines) if line.strip()
             and not (k == 0 and SAID.fullmatch(line.strip()))]
     plain = [(k, line) for k, line in full
-             if not line.lstrip().startswith(tuple(COMMENTS))]
+             if not line.lstrip().startswith(COMMENTS)]
     above = [(k, line) for k, line in full if (k, line) not in plain
              and (not plain or k < plain[0][0])]
     if not plain:
