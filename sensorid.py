@@ -2062,14 +2062,17 @@ def _moments(mass, first, second, feature, exponent):
 
 
 @njit(parallel=True, **JIT)
-def _posteriors(count, chi2, score, node, limits, power, bias, feature, exponent):
-    """Log evidence (C,), means (C, F) and covariances (C, F, F) of C records."""
+def _posteriors(count, chi2, score, node, limits, power, mean_bias, variance, feature,
+                exponent):
+    """Log evidence (C,), means (C, F) and covariances (C, F, F) of C records, whose
+    biases have the laws N(mean_bias (C,), variance).
+    """
     C, F = len(chi2), len(exponent)
     log_evidence, mean, cov = np.empty(C), np.empty((C, F)), np.empty((C, F, F))
     for record in prange(C):
         mass, first, second = _node_mass(
             count, chi2[record].copy(), score[record].copy(),
-            node, limits, power, bias)
+            node, limits, power, (mean_bias[record], variance))
         log_evidence[record], mean[record], cov[record] = _moments(
             mass, first, second, feature, exponent)
     return log_evidence, mean, cov
@@ -2126,11 +2129,13 @@ def posteriors(g, y, stops, coordinates=False):
     feature, exponent = g.theta, g.exponent
     if coordinates:
         feature, exponent = _features(g)
-    h = g.hypothesis
-    for sums in filter_bank(bank(h, g.dt, g.theta), y, stops):
+    h, y = g.hypothesis, as_samples(y)
+    offset = np.nanmean(y, 1)    # leaves the sums of a large bias their digits
+    for sums in filter_bank(bank(h, g.dt, g.theta), y - offset[:, None], stops):
         yield _posteriors(sums.count, np.ascontiguousarray(sums.chi2),
                           np.ascontiguousarray(sums.score), _node_columns(g, sums),
-                          g.limits, g.power, (0.0, h.bias_sigma**2), feature, exponent)
+                          g.limits, g.power, -offset, h.bias_sigma**2, feature,
+                          exponent)
 
 
 def _nodes_per_sd(g, cov):

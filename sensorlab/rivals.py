@@ -146,8 +146,7 @@ def _kept_fits(y, dt, hypotheses):
     y = np.frombuffer(y)
 
     def log_likelihoods(h, theta):
-        return _bank_likelihood(next(filter_bank(bank(h, dt, theta), y[None],
-                                                 [len(y)])), h)
+        return next(_likelihoods_at(h, dt, theta, y, [len(y)]))
     return [_maximize(h, log_likelihoods) for h in hypotheses]
 
 
@@ -191,10 +190,13 @@ def _whittle(power, turn, n, a, q, r):
     return total
 
 
-def _bank_likelihood(sums, h):
-    """ln f(Y / theta) (M,) of one record."""
-    return log_likelihood(1.0, sums.count, sums.chi2[0], sums.score[0],
-                          sums.information, sums.log_det, (0.0, h.bias_sigma**2))
+def _likelihoods_at(h, dt, theta, y, stops):
+    """ln f(Y / theta) (M,) of one record at every stop."""
+    offset = np.nanmean(y)    # leaves the sums of a large bias their digits
+    for sums in filter_bank(bank(h, dt, theta), y[None] - offset, stops):
+        yield log_likelihood(
+            1.0, sums.count, sums.chi2[0], sums.score[0], sums.information,
+            sums.log_det, (-offset, h.bias_sigma**2))
 
 
 def _penalized(hypotheses, fits, penalty):
@@ -281,11 +283,10 @@ def estimation_bound(h, dt, times, trials=2000, seed=0):
     for trial in range(trials):
         exact = h._replace(parameters=tuple(Parameter(p.symbol, v, v) for p, v in zip(
             h.parameters, at_quantiles(h.parameters, u[trial]))))
-        y = simulate([exact], dt, int(stops[-1]), 1, seed, trial).error
+        y = simulate([exact], dt, int(stops[-1]), 1, seed, trial).error[0]
         around = u[trial] + step * np.vstack([np.eye(d), -np.eye(d)])
-        b = bank(h, dt, at_quantiles(h.parameters, around))
-        for t, sums in enumerate(filter_bank(b, y, stops)):
-            ll = _bank_likelihood(sums, h)
+        every = _likelihoods_at(h, dt, at_quantiles(h.parameters, around), y, stops)
+        for t, ll in enumerate(every):
             score[trial, t] = (ll[:d] - ll[d:]) / (2.0 * step)
     gain = np.array([p.high - p.low for p in free]) / [abs(p.mean) for p in free]
     best = np.zeros((3, len(stops), d))

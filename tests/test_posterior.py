@@ -7,6 +7,7 @@ from scipy.stats import kstest
 
 import naive
 import sensorid as s
+from sensorlab import rivals
 
 
 def naive_identification(hypotheses, y, dt, nodes):
@@ -209,6 +210,14 @@ def test_a_large_bias_costs_no_accuracy():
     y = s.simulate(paper_case(3), 0.1, 3000, 1, seed=9).error[0]
     near, far = s.identify(y, 0.1, H), s.identify(y + 1e5, 0.1, H)
     assert_allclose(far.probability, near.probability, atol=1e-4)
+    flat = paper_case(3, bias_sigma=1e12)
+    both = np.array([y, y + 1e8])
+    for h in flat:
+        for law in next(s.posteriors(s.grid(h, 0.1, 16), both, [3000])):
+            assert_allclose(law[1], law[0], rtol=1e-5, atol=1e-9)
+    (one, fits), (other, far_fits) = (rivals.akaike(own, 0.1, flat) for own in both)
+    assert one == other
+    assert_allclose(np.hstack(far_fits), np.hstack(fits), rtol=1e-3)    # maxima are flat
 
 
 def test_decision_needs_the_threshold():
