@@ -281,12 +281,14 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
 
 
-def test_a_parameter_of_an_effect_of_the_simulator_may_be_wrong():
-    band = sensorlab.CATALOGUE["narrow_band_noise"]
-    said, true = (sensorlab.Simulator((h,), ((Found(band, values=account.fixed(
-        frequency=f, tau=20.0 * DT, sigma=0.3)),),))
-        for f in (0.2 / DT, 0.25 / DT)
-        for h in [sensorid.hypothesis("white_noise", sigma_v=0.5)])
+@pytest.mark.parametrize("known_to", [0.0, 0.003])
+def test_a_parameter_of_an_effect_of_the_simulator_may_be_wrong(known_to):
+    band, h = sensorlab.CATALOGUE["narrow_band_noise"], sensorid.hypothesis(
+        "white_noise", sigma_v=0.5)
+    said, true = (sensorlab.Simulator((h,), ((Found(band, values={
+        **account.fixed(tau=20.0 * DT, sigma=0.3),
+        "frequency": sensorid.Parameter("frequency", f - off, f + off)}),),))
+        for f, off in ((0.2 / DT, known_to / DT), (0.25 / DT, 0.0)))
     y = sensorlab.simulate_effects(true, Scene(np.zeros(2000), DT, {}), seed=8).error[0]
     d = sensorlab.diagnose(y, DT, said)
     assert d.verdict == "wrong_parameter"

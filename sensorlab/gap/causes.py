@@ -652,10 +652,11 @@ def _with_wrong_parameters(scene, acc, effect, floor):
     """Rivals in which one parameter of the simulator may leave its bounds; if it is of
     an effect that has several forms, in any of them.
 
-    A range is left alone unless the record pushes against one of its ends.
+    A range is left alone unless the record pushes against one of its ends, or something
+    outside is much better.
     """
     for key in dict.fromkeys(key for base in acc.bases for key in base.keys):
-        widened = [_widened(h, sample, key, effect.factor)
+        widened = [_widened(h, sample, key, effect.factor, scene, acc.signatures)
                    for h, sample in zip(acc.hypotheses, acc.samples)]
         if not any(pushed for _, pushed in widened):
             continue
@@ -757,7 +758,7 @@ def _column(h, key):
                  if own == key and p.high > 0.0), None)
 
 
-def _widened(h, sample, key, factor):
+def _widened(h, sample, key, factor, scene, signatures):
     """The hypothesis with a wide prior of one parameter, as wide as an effect allows;
     does the record push for it?
     """
@@ -770,8 +771,9 @@ def _widened(h, sample, key, factor):
         if one.key == effect:
             (prior,) = [q for q in one.effect.parameters(h.scene) if q.symbol == symbol]
             low, high = min(prior.low, p.low), max(prior.high, p.high)
-    return h.with_prior(key, Beyond(symbol, low, high, p.low, p.high)), _pushed(
-        p, sample, column)
+    wide = h.with_prior(key, Beyond(symbol, low, high, p.low, p.high))
+    return wide, _pushed(p, sample, column) or _pulled(
+        wide, p, sample, column, scene, signatures)
 
 
 def pushes(acc):
@@ -780,11 +782,31 @@ def pushes(acc):
                for column, p in enumerate(acc.member.parameters))
 
 
+RESOLVED = 0.2    # of the standard deviation of a range: a record knows it better
+
+
 def _pushed(p, sample, column):
     """Does a record push against an end of a parameter, or is it a number?"""
     mean, sd = sample.mean[column], sample.sd()[column]
     return not p.free or (
-        min(mean - p.low, p.high - mean) < 2.0 * sd and sd < 0.2 * p.sd)
+        min(mean - p.low, p.high - mean) < 2.0 * sd and sd < RESOLVED * p.sd)
+
+
+OUTSIDE = 32    # values outside a range
+PULL = 3.0      # nats by which one of them must be better than any inside
+
+
+def _pulled(wide, p, sample, column, scene, signatures):
+    """Is some value outside the range of a parameter much better, all else as it is
+    likeliest? Within a narrow range a record may see no slope.
+    """
+    if sample.sd()[column] < RESOLVED * p.sd:
+        return False
+    theta = np.tile(sample.likeliest, (OUTSIDE, 1))
+    theta[:, column] = wide.parameters[column].quantile(
+        (np.arange(OUTSIDE) + 0.5) / OUTSIDE)
+    return log_likelihoods(wide, scene, signatures, theta).max() > (
+        sample.log_likelihood.max() + PULL)
 
 
 def _factor(key, hypotheses, wide):
