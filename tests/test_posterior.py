@@ -217,7 +217,7 @@ def test_a_large_bias_costs_no_accuracy():
             assert_allclose(law[1], law[0], rtol=1e-5, atol=1e-9)
     (one, fits), (other, far_fits) = (rivals.akaike(own, 0.1, flat) for own in both)
     assert one == other
-    assert_allclose(np.hstack(far_fits), np.hstack(fits), rtol=1e-3)    # maxima are flat
+    assert_allclose(np.hstack(far_fits), np.hstack(fits), rtol=1e-3)    # they are flat
 
 
 def test_decision_needs_the_threshold():

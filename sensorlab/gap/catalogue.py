@@ -864,3 +864,10 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="correlated noise, bandwidth",
            experiment="compare the Allan deviation with the data sheet, unit by unit"),
 )}
+
+
+FAMILIES = (    # effects that a record may show to be one of them, but not which
+    ("temperature", "thermal_lag"), ("bias_step", "pulse", "gradual_step"),
+    ("sinusoid", "narrow_band_noise"), ("ringing", "vibration_burst"),
+    ("rate_ramp", "second_order_drift", "turn_on_transient"),
+    ("correlated_noise", "bias_instability", "random_telegraph"))

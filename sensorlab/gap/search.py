@@ -16,6 +16,7 @@ from sensorlab.gap.distance import TRIALS, Gap, enough_trials
 from sensorlab.gap.effects import simulate_effects
 from sensorlab.gap.evidence import HOPELESS_NATS
 from sensorlab.gap.flexible import stays_needed
+from sensorlab.gap.pairs import best_pair
 from sensorlab.gap.readings import as_read
 
 MAX_NOISES = 6          # effects beside readings that the filter must follow: columns
@@ -65,6 +66,8 @@ def search(full, start, readings, effects, before, glanced, shared):
         look = further_causes(scene, acc, effects, not path.found or
                               after.p_value < LOOK_ON or pushes(acc),
                               _by_rounding(full, acc, after.theta) if coarse else None)
+        if look.account is not None and not coarse:
+            look = _or_a_pair(scene, acc, look, effects)
         others, leaves = leaves, _with_leaves(leaves, path, look)
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])
@@ -80,8 +83,8 @@ def search(full, start, readings, effects, before, glanced, shared):
             exchanges += 1
             after = glanced(acc, after)
             continue
-        (one,) = found[0].found
-        if shared(one, look.account, scene):
+        one = found[0].found[0]
+        if len(found[0].found) == 1 and shared(one, look.account, scene):
             acc, leaves, lesser = look.account, others, {}
             if one.effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
@@ -189,6 +192,23 @@ def _last_again(full, acc, path):
     return look.account, path._replace(
         found=rest.found + best.found,
         log_bayes=rest.log_bayes + look.account.log_evidence - less.log_evidence)
+
+
+def _or_a_pair(scene, acc, look, effects):
+    """A look with the best pair of effects among its causes: a process may follow two
+    of them nearly as well as they do, of which neither does alone.
+    """
+    pair = best_pair(scene, acc, look.causes, effects)
+    if pair is None:
+        return look
+    best, (found, log_bayes, together) = next(c for c in look.causes if c.found), pair
+    odds = np.exp(np.clip(log_bayes + look.prior - best.log_bayes, -99.0, 99.0))
+    share = float(odds * best.probability / (1.0 + odds * best.probability))
+    causes = [Cause(found, share, log_bayes, best.error * (1.0 - share)), *(
+        scaled(c, 1.0 - share, 0.0) for c in look.causes)]
+    return look._replace(
+        causes=tuple(sorted(causes, key=lambda c: -c.probability)),
+        account=together if odds > 1.0 else look.account)
 
 
 class _Exchanged(NamedTuple):

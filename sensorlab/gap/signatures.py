@@ -153,7 +153,7 @@ def families(scene, effects, signatures=()):
                 [np.nan]][0]))
             some = family.psi or [psi_of(scene, effect, {
                 p.symbol: p.mean for p in priors})]
-            if next(_columns(scene, family, some), None):
+            if next(columns_at(scene, family, some), None):
                 result.append(family)
     return result
 
@@ -180,7 +180,7 @@ def blocks(scene, family, solved, psi=None):
     """
     least = ROWS if solved.filter or len(solved.base) > 1 else ROWS_ALONE
     values, variants, block = [], [], None
-    for value, variant, columns in _columns(scene, family,
+    for value, variant, columns in columns_at(scene, family,
                                             family.psi if psi is None else psi):
         N, k = columns.shape
         if block is None:
@@ -196,7 +196,7 @@ def blocks(scene, family, solved, psi=None):
         yield Block(values, variants, block[:len(values)])
 
 
-def _columns(scene, family, psi):
+def columns_at(scene, family, psi):
     """(value, variant, columns (N, k)) of the signatures of a family that are not 0."""
     x, N = scene.columns.get(family.column), len(scene.y)
     for value in psi:

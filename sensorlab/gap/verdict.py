@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sensorlab.gap.catalogue import FAMILIES
 from sensorlab.gap.causes import UNKNOWN, Cause
 from sensorlab.gap.distance import log_p_error
 from sensorlab.gap.effects import Found
@@ -83,13 +84,6 @@ def present(causes):
         for effect in dict.fromkeys(c.effects or ("none",)):
             result[effect] = result.get(effect, 0.0) + c.probability
     return result
-
-
-FAMILIES = (    # effects that a record may show to be one of them, but not which
-    ("temperature", "thermal_lag"), ("bias_step", "pulse", "gradual_step"),
-    ("sinusoid", "narrow_band_noise"), ("ringing", "vibration_burst"),
-    ("rate_ramp", "second_order_drift", "turn_on_transient"),
-    ("correlated_noise", "bias_instability", "random_telegraph"))
 
 
 def named(causes):

@@ -1,0 +1,177 @@
+"""Two effects at a time, where neither explains much without the other.
+
+All pairs of a coarse list of signatures are tried on the scores of one filter, and the
+best are sought exactly.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sensorid import brief
+from sensorlab.gap.account import account, gaussian
+from sensorlab.gap.causes import further_causes
+from sensorlab.gap.effects import Found
+from sensorlab.gap.filters import Signature, filter_of
+from sensorlab.gap.screens import LAWS
+from sensorlab.gap.signatures import Family, columns_at, families
+
+ONSETS = 48          # of a step
+ENDS = 24            # onsets of what lasts
+PARTS = 2.0, 4.0, 8.0, 16.0          # of a record, that it may last
+CYCLES = np.arange(1.0, 8.5, 0.5)    # in a record: more are like no other form
+BINS = 4096          # of the scores of a long record
+LOST = 0.1           # of ln B, by a coarse list
+ALIKE = 1e-4         # of its information, that is left to a form beside another
+STARTS = 2           # pairs of effects that are sought exactly
+MOST_OF = 0.5        # of ln B of the best cause
+EVEN_BETTER = 0.3    # nats that a further round must gain
+
+
+def best_pair(scene, acc, causes, effects):
+    """(found, ln B, account) of two effects that explain more together than alone: of
+    two signatures, or of odd samples and a signature. None if the best of the `causes`
+    of an account is no process or jumps that these may be taken for.
+    """
+    best, *others = [c for c in causes if c.found]
+    if best.found[0].effect.columns:
+        return None
+    forms, odd = ([e for e in effects if e.columns],
+                  [e for e in effects if e.name in LAWS])
+    pairs = []
+    for signature in _starts(scene, acc, forms, best.log_bayes):
+        pairs += _ever_better(scene, acc, _with(scene, acc, signature), forms)
+    if any(c.effect in LAWS and c.log_bayes > MOST_OF * best.log_bayes for c in others):
+        beside = further_causes(scene, acc, odd).account
+        if beside is not None:
+            pairs += _ever_better(scene, acc, beside, forms, odd)
+    return max(pairs, key=lambda pair: pair[1], default=None)
+
+
+def _with(scene, acc, signature):
+    """An account with one more signature."""
+    return account(scene, acc.bases, acc.hypotheses, (*acc.signatures, signature),
+                   acc.readings, acc)
+
+
+def _ever_better(scene, acc, beside, forms, others=None):
+    """Pairs of effects: beside the one in the account `beside` a signature is sought,
+    beside that another, by default a signature again, and so on.
+    """
+    found, worth, best = (), 0.0, -np.inf
+    while True:
+        look = further_causes(scene, beside, others if found and others else forms,
+                              False)
+        if look.account is None:
+            return
+        other = next(c for c in look.causes if c.found)
+        if found:
+            if worth + other.log_bayes < best + EVEN_BETTER:
+                return
+            best = worth + other.log_bayes
+            yield found + other.found, best, look.account
+            if others:
+                return
+        # the other alone, less what it takes to seek it
+        sought = look.account.log_evidence - beside.log_evidence - other.log_bayes
+        beside, found = _with(scene, acc, look.account.signatures[-1]), other.found
+        worth = beside.log_evidence - acc.log_evidence - sought
+
+
+class _Form(NamedTuple):
+    """A signature of the coarse list."""
+
+    family: Family
+    psi: object
+    variant: str
+    first: int     # number of its only column, or of the first of two
+    last: int
+    cost: float    # ln of how many there are of the family
+
+    __repr__ = brief
+
+
+def _starts(scene, acc, forms, least):
+    """The better `Signature` of each of the best pairs, no two of the same effects."""
+    plain, hypotheses = gaussian(scene, acc)
+    h, gap = hypotheses[acc.best], np.isnan(plain.y)
+    own = filter_of(h, plain, acc.signatures, acc.member.matching(h, acc.theta), gap)
+    edges = np.arange(min(len(gap), BINS)) * len(gap) // min(len(gap), BINS)
+
+    def white(rows):
+        z = np.nan_to_num(own.whitened(np.where(gap, np.nan, rows)))
+        return np.add.reduceat(z, edges, axis=1) / np.sqrt(np.diff(
+            edges, append=len(gap)))
+    listed, z = [], [white(plain.y[None])]
+    for family in families(plain, forms, acc.signatures):
+        every = []
+        for psi, variant, columns in columns_at(plain, family, _coarse(plain, family)):
+            every.append((psi, variant, len(z), len(z) + columns.shape[1] - 1))
+            z.extend(white(columns.T)[:, None])
+        listed += [_Form(family, *one, np.log(len(every))) for one in every]
+    if not listed:
+        return
+    z = np.vstack(z)
+    J = z @ z.T
+    first, last, cost = np.array([(f.first, f.last, f.cost) for f in listed]).T
+    first, last = first.astype(int), last.astype(int)
+    worth = 0.5 * _gains(J, first, last) - cost[:, None] - cost
+    kind = np.unique([f.family.effect.name + f.family.column for f in listed],
+                     return_inverse=True)[1]
+    for _ in range(STARTS):
+        i, k = np.unravel_index(worth.argmax(), worth.shape)
+        if worth[i, k] < (1.0 - LOST) * least:
+            return
+        best = max(i, k, key=lambda at: J[0, first[at]]**2 / J[first[at], first[at]])
+        yield _signature(plain, listed[best], J)
+        for a, b in ((i, k), (k, i)):
+            worth[np.ix_(kind == kind[a], kind == kind[b])] = -np.inf
+
+
+def _coarse(scene, family):
+    """Values of the parameter of a family in the coarse list."""
+    T, search = scene.duration, family.effect.search
+    if search == "onset":
+        return (T * (np.arange(ONSETS) + 0.5) / ONSETS).tolist()
+    if search == "pulse":
+        return [(onset, T / part) for part in PARTS
+                for onset in (T * (np.arange(ENDS) + 0.5) / ENDS).tolist()]
+    if search == "frequency":
+        return (CYCLES / T).tolist()
+    return family.psi or []    # waves are like no other form
+
+
+def _gains(J, first, last):
+    """Squared standard scores (F, F) of the sizes of any two signatures, of which there
+    is one column or two, numbers first (F,) and last (F,) in the products J (c, c) of
+    whitened rows, the record before all columns; 0 where one is like the other.
+    """
+    result, two = np.zeros((len(first), len(first))), first != last
+    for i in range(len(first)):
+        own = np.unique([first[i], last[i]])
+        part = np.linalg.pinv(J[np.ix_(own, own)]) @ J[own]
+
+        def left(a, b):
+            return J[a, b] - np.einsum("kf, kf -> f", J[own][:, a], part[:, b])
+        record = np.zeros_like(first)
+        x, y = left(record, first), left(record, last)
+        p, q, r = left(first, first), left(first, last), left(last, last)
+        apart = np.where(two, p * r - q * q, p)
+        least = np.where(two, ALIKE * J[last, last], 1.0) * ALIKE * J[first, first]
+        gain = np.where(two, x * x * r - 2.0 * x * y * q + y * y * p, x * x)
+        result[i] = J[0, own] @ part[:, 0] + np.where(
+            apart > least, gain / np.maximum(apart, 1e-300), -np.inf)
+    return result
+
+
+def _signature(scene, form, J):
+    """`Signature` of a form of the coarse list, about as large as in the record."""
+    effect, column = form.family.effect, form.family.column
+    ((_, _, columns),) = [own for own in columns_at(scene, form.family._replace(
+        variant=form.variant), [form.psi])]
+    own = np.arange(form.first, form.last + 1)
+    size = float(np.linalg.norm(np.linalg.pinv(J[np.ix_(own, own)]) @ J[own, 0]))
+    values = dict(zip((p.symbol for p in effect.parameters(scene)),
+                      np.atleast_1d(form.psi).tolist()))
+    return Signature(Found(effect, column, form.variant, {**values, effect.size: size}),
+                     columns, 3.0 * size)
