@@ -6,7 +6,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
-from scipy.special import erf, gammaln, log_ndtr, logsumexp, ndtr, xlogy
+from scipy.special import erf, gammaln, log_ndtr, logsumexp, ndtr, ndtri, xlogy
 
 from sensorid import brief
 from sensorlab.gap.catalogue import (
@@ -243,12 +243,44 @@ def _clipped(y, lsb, noise):
         # on no lattice a value does not come again by chance; it may stick once
         full = not lsb and count >= least and np.sum(np.diff(at_end)) > 3
         full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
-            lsb > 0.0 and lsb >= COARSE * noise and count >= least and _piles_up(
-                np.abs(end - seen) / lsb))
+            lsb > 0.0 and count >= least and (
+                _ends_abruptly(np.abs(end - seen), lsb) or lsb >= COARSE * noise
+                and _piles_up(np.abs(end - seen) / lsb)))
         full = full and _is_near(end, seen, lsb)
         limits.append(float(end) if full else sign * np.inf)
         clipped |= at_end & full
     return limits, clipped
+
+
+ABRUPT = 14.0        # nats, by which a record is unlikely to end as it does
+SPAN = 8.0           # standard deviations that a noise has
+PREDICTED_BY = 16    # samples before, that tell the white noise of a record, ...
+TELLING = 20000      # ... of so many samples
+
+
+def _ends_abruptly(apart, lsb):
+    """Are there so many samples on the last code of a lattice that there ought to be
+    others beyond? Samples are `apart` (N,) from it.
+
+    What cannot be predicted is normal, of standard deviation s at least. If n of N
+    samples are on the code, it lies D s at most above what is predicted, the normal
+    quantile of 1 - n / N, and beyond it r n are to be expected at least, r the sum of
+    exp(-D x - x^2 / 2), x in units of s. That n are on it and none beyond has at most
+    the probability (1 + r)^-n, whatever was to be expected there.
+    """
+    rows = np.lib.stride_tricks.sliding_window_view(apart[:TELLING], PREDICTED_BY + 1)
+    if len(rows) < 4 * PREDICTED_BY:
+        return False
+    before = np.column_stack([np.ones(len(rows)), rows[:, :-1]])
+    left = rows[:, -1] - before @ np.linalg.lstsq(before, rows[:, -1])[0]
+    noise = less_rounding(np.std(left), lsb)
+    on = apart < 0.5 * lsb
+    count = on[0] + np.sum(on[1:] & ~on[:-1])    # what is slow rests there
+    if not noise or not count:
+        return False
+    x = lsb / noise * np.arange(1, int(SPAN * noise / lsb) + 2)
+    above = -ndtri(0.5 * count / len(apart))
+    return count * np.log1p(np.exp(-above * x - 0.5 * x**2).sum()) > ABRUPT
 
 
 APART = 5.0    # standard deviations of the noise: what is farther out was never clipped
