@@ -12,6 +12,7 @@ from sensorid import brief
 from sensorlab.gap.catalogue import (
     CALM, CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between,
     noise_where_calm, repeated_at_random)
+from sensorlab.gap.clipping import unclipped
 from sensorlab.gap.effects import Found
 
 
@@ -52,8 +53,8 @@ COINCIDENCE = 23.0    # nats: what one repeated value in double precision is wor
 TAIL = 4              # values next to the last one, of which the fullest counts
 FEWEST_CODES = 4      # of a lattice: how often three are met, a normal law may explain
 COARSE = 0.1          # of the white noise: a finer lattice is how a file was printed
-HIDDEN = 0.05         # of the samples: more clipped ones are not missing at random, as
-                      # the filters assume
+HIDDEN = 0.25         # of the samples: if more are clipped, what they may have been
+                      # says too little
 NOISY = 2.0           # of the white noise: what a coarser lattice adds is no white
                       # noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
 HIDING = 4.0          # of the white noise: of a coarser lattice few codes are met,
@@ -244,8 +245,9 @@ def _clipped(y, lsb, noise):
         full = not lsb and count >= least and np.sum(np.diff(at_end)) > 3
         full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
             lsb > 0.0 and count >= least and (
-                _ends_abruptly(np.abs(end - seen), lsb) or lsb >= COARSE * noise
-                and _piles_up(np.abs(end - seen) / lsb)))
+                lsb >= COARSE * noise and _piles_up(np.abs(end - seen) / lsb)
+                or _ends_abruptly(np.abs(end - seen), lsb)
+                and not _codes(seen[seen != end], lsb)[0]))
         full = full and _is_near(end, seen, lsb)
         limits.append(float(end) if full else sign * np.inf)
         clipped |= at_end & full
@@ -265,8 +267,9 @@ def _ends_abruptly(apart, lsb):
     What cannot be predicted is normal, of standard deviation s at least. If n of N
     samples are on the code, it lies D s at most above what is predicted, the normal
     quantile of 1 - n / N, and beyond it r n are to be expected at least, r the sum of
-    exp(-D x - x^2 / 2), x in units of s. That n are on it and none beyond has at most
-    the probability (1 + r)^-n, whatever was to be expected there.
+    exp(-D x - x^2 / 2), x in units of s; a code may be half as wide again. That n are
+    on it and none beyond has at most the probability (1 + r)^-n, whatever was to be
+    expected there.
     """
     rows = np.lib.stride_tricks.sliding_window_view(apart[:TELLING], PREDICTED_BY + 1)
     if len(rows) < 4 * PREDICTED_BY:
@@ -278,7 +281,7 @@ def _ends_abruptly(apart, lsb):
     count = on[0] + np.sum(on[1:] & ~on[:-1])    # what is slow rests there
     if not noise or not count:
         return False
-    x = lsb / noise * np.arange(1, int(SPAN * noise / lsb) + 2)
+    x = lsb / noise * (np.arange(1, int(SPAN * noise / lsb) + 2) + 0.5)
     above = -ndtri(0.5 * count / len(apart))
     return count * np.log1p(np.exp(-above * x - 0.5 * x**2).sum()) > ABRUPT
 
@@ -558,10 +561,28 @@ FLAT = 1e-3    # weight of a prior of the coefficients: where nothing was counte
 
 
 def as_read(full, seen):
-    """A scene less what readings hide."""
+    """A scene less what readings hide, with what clipped samples may have been, unless
+    readings hide that, too.
+    """
     if not seen:
         return full
-    return full._replace(y=without_readings(full, full.y[None], seen)[0])
+    y = without_readings(full, full.y[None], seen)[0]
+    for low, high in _limits(full, seen):
+        if not any(one.coarse or one.opaque for one in seen):
+            clipped = (full.y <= low) | (full.y >= high)
+            raw = np.where(clipped, full.y, y) + full.known
+            low, high = np.max(low + full.known), np.min(high + full.known)
+            y[clipped] = (unclipped(raw, low, high) - full.known)[clipped]
+    return full._replace(y=y)
+
+
+def _limits(scene, seen):
+    """Limits (low, high) that readings have, less what is known of a scene."""
+    least = ROUNDING * scene.white
+    for one in seen:
+        if "limits" in one.found.values:
+            low, high = (end - scene.known for end in one.found.values["limits"])
+            yield low + least, high - least
 
 
 def without_readings(scene, y, seen):
@@ -569,11 +590,9 @@ def without_readings(scene, y, seen):
     the true value.
     """
     y = y.copy()
+    for low, high in _limits(scene, seen):
+        y[(y <= low) | (y >= high)] = np.nan
     for one in seen:
-        if "limits" in one.found.values:
-            low, high = (end - scene.known for end in one.found.values["limits"])
-            least = ROUNDING * scene.white
-            y[(y <= low + least) | (y >= high - least)] = np.nan
-        else:
+        if "limits" not in one.found.values:
             y[:, one.masked] = np.nan
     return y
