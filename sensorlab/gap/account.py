@@ -53,11 +53,11 @@ class Account(NamedTuple):
 
 
 def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None,
-            floor=-np.inf):
+            floor=-np.inf, tails=0):
     """Fit of all hypotheses to a scene, with equal prior probabilities.
 
-    `past` is another account of about the same record, if there is one; `floor` as for
-    `integrate`.
+    `past` is another account of about the same record, if there is one; `floor` and
+    `tails` as for `integrate`.
     """
     hypotheses = bases if hypotheses is None else hypotheses
 
@@ -73,12 +73,25 @@ def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None
         samples[number] = integrate(
             likelihood_of(h), h.parameters, guesses[number],
             onset_law(h, scene, signatures), max(floor, evidence.max()),
-            effort=effort(scene))
+            effort=effort(scene), tails=tails)
         evidence[number] = samples[number].log_evidence[0]
     best = int(np.argmax(evidence))
     return Account(tuple(bases), tuple(hypotheses), tuple(signatures), tuple(readings),
                    tuple(samples), mean_evidence(evidence), best,
                    central(samples[best], likelihood_of(hypotheses[best])))
+
+
+TAILS = 8    # rounds
+
+
+def with_tails(scene, acc):
+    """The account of a scene, its posterior known far out, too; of a long record it is
+    narrow.
+    """
+    if effort(scene) < 1.0:
+        return acc
+    return account(scene, acc.bases, acc.hypotheses, acc.signatures, acc.readings, acc,
+                   tails=TAILS)
 
 
 def central(sample, log_likelihood):

@@ -739,7 +739,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="any drift that moves as the column does",
            experiment="vary that quantity alone"),
     Effect("hysteresis", columns=_hysteresis, column="any",
-           parameters=lambda s: (_log("play", 3e-4, 0.1),),
+           parameters=lambda s: (_log("play", 3e-4, 0.4),),
            equation="y + size (x - X) / width, X follows x as soon as it is width = "
                     "play (max x - min x) behind; play without unit, size in u",
            resembles="thermal lag, scale factor, random telegraph",

@@ -420,17 +420,14 @@ def _log_bayes(new, old):
 
 def _values(own, acc):
     """Mean and standard deviation of the parameters of one of the effects inside the
-    filters of an account, over all hypotheses.
+    filters of an account, under the most probable hypothesis: beside another process it
+    may be another.
     """
-    share = probabilities([s.log_evidence[0] for s in acc.samples])
-    result = {}
+    sample, result = acc.sample, {}
     for symbol in own.values:
-        first = second = 0.0
-        for h, sample, part in zip(acc.hypotheses, acc.samples, share):
-            value = h.value(sample.theta, own.key, symbol)
-            first += part * sample.weight @ value
-            second += part * sample.weight @ value**2
-        result[symbol] = float(first), float(np.sqrt(max(second - first**2, 0.0)))
+        value = acc.member.value(sample.theta, own.key, symbol)
+        mean = sample.weight @ value
+        result[symbol] = float(mean), float(np.sqrt(sample.weight @ (value - mean)**2))
     return result
 
 

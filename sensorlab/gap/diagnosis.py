@@ -10,7 +10,8 @@ from scipy.stats.qmc import LatinHypercube
 from sensorid import (
     Parameter, as_hypotheses, as_samples, at_quantiles, brief, free_columns,
     mean_square, one_thread_if, random_walk, rate_ramp)
-from sensorlab.gap.account import Account, account, as_simulated, fixed, in_place
+from sensorlab.gap.account import (
+    Account, account, as_simulated, fixed, in_place, with_tails)
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
@@ -201,6 +202,8 @@ class _Described(NamedTuple):
 
 def _described(full, done, before, measured):
     """`_Described` of a search, its effects estimated together."""
+    done = done._replace(account=with_tails(
+        as_read(full, done.account.readings), done.account))
     path = estimated_together(full, done.account, done.path)
     if done.after is not before:
         done = done._replace(after=measured(done.account, done.after))
@@ -236,10 +239,12 @@ def augmented(d):
     base have the posterior's mean and standard deviation, the phase of a line is that
     of any record, the rest are numbers.
     """
-    # a uniform range of this half-width has that standard deviation
     to, sample = d.final.member.in_units, d.final.sample
-    width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(d.final.theta))
-    (h,), (effects,) = as_simulated(d.final, d.scene, d.after.theta, width)
+    # what stands beside effects of fixed numbers is where these are likely
+    theta = d.after.theta if d.final.member.effects else sample.mean
+    # a uniform range of this half-width has that standard deviation
+    width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(theta))
+    (h,), (effects,) = as_simulated(d.final, d.scene, theta, width)
     known = sum((signature_of(d.scene, one, known_values(one))
                  for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))

@@ -24,19 +24,19 @@ class Drift(NamedTuple):
 
 def drift(scene, simulators, seed=0):
     """`Drift` at every horizon of HORIZONS that a record has four of, of a record and
-    of its simulators without and with what was found.
+    of its simulators without and with what was found; what is known is in all of them.
     """
     lengths = [round(h / scene.dt) for h in HORIZONS]
     lengths = [m for m in lengths if 1 <= m <= len(scene.y) // MIN_WINDOWS]
-    own = integrated(scene.y[None], scene.dt, lengths)[0]
+    own = integrated(scene.y[None] + scene.known, scene.dt, lengths)[0]
     drawn = []
     for simulator in simulators:
         block = int(np.clip(BLOCK // len(scene.y), 1, RECORDS // 2))
 
         def of_some(first, simulator=simulator, block=block):
             return integrated(simulate_effects(
-                simulator, scene, min(block, RECORDS - first), seed, first).error,
-                scene.dt, lengths)
+                simulator, scene, min(block, RECORDS - first), seed, first
+            ).error + scene.known, scene.dt, lengths)
         drawn.append(np.median(np.vstack(side_by_side(of_some, range(
             0, RECORDS, block))), 0))
     return tuple(Drift(m * scene.dt, *map(float, values))

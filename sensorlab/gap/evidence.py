@@ -96,6 +96,7 @@ ENOUGH_POINTS = 60.0      # effective ones at which the evidence is good to 0.13
 ROUNDS_TO_CLIMB = 1       # in which no mode was found, where none is guessed
 MISSED_NATS = 2.0         # that a mode is above all points of a sample that missed it
 HOPELESS_NATS = 3.0       # below a rival: what the mean evidence would hardly notice
+FLATTER = 0.3             # power of the likelihood that draws tails
 NOTHING = -1e100          # log-likelihood where a filter breaks down
 
 
@@ -141,7 +142,7 @@ def _log_normal(x):
 
 
 def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
-              seed=0, effort=1.0):
+              seed=0, effort=1.0, tails=0):
     """Evidence and posterior sample by adaptive multiple importance sampling.
 
     Parameters
@@ -162,6 +163,9 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
     seed : int
     effort : float
         Share of ENOUGH_POINTS at which it is done, and of ROUND down to a GROUP.
+    tails : int
+        Further rounds, from a flatter posterior: a long tail, which hardly adds to the
+        evidence, does to standard deviations.
 
     Returns
     -------
@@ -222,6 +226,11 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
             law = _flattened(*_next_law(points, log_weight, effective, found,
                                         modes or near), flat)
         x, density = _drawn(*law, few, rng)
+        proposals.append((few, density))
+        points = points.joined(located(x))
+    for _ in range(tails):
+        share = normalized(FLATTER * points.total + points.log_weight(proposals))
+        x, density = _drawn(*_flattened(*moments(share, points.x), flat), few, rng)
         proposals.append((few, density))
         points = points.joined(located(x))
     log_weight = points.log_weight(proposals)
