@@ -53,6 +53,37 @@ def test_an_output_that_cannot_be_printed_loses_nothing(here, shell, status):
         assert "\\xb5g/\\u221aHz" in done.stdout
 
 
+@pytest.mark.parametrize("line, told", [
+    ("identify r.npz --json o.json", "white_noise"),
+    ("identify r.npz r.npz --json o.json", "white_noise"),
+    ("identify r.npz --compose --json o.json", "component"),
+    ("diagnose r.npz --out d", "verdict: none"),
+    ("diagnose r.npz r.npz --out d", "none")])
+def test_an_output_that_cannot_be_written_loses_no_answer(here, capsys, monkeypatch,
+                                                          line, told):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr("sensorlab.commands.shared.write_whole", full)
+    assert main(line.split()) == 2
+    out, err = capsys.readouterr()
+    assert told in out and "No space left" in err
+
+
+def test_a_pipe_is_no_record_and_says_so(here):
+    done = run("cat r.npz | COMMAND".replace("COMMAND", " ".join(
+        [sys.executable, sensorid.__file__, "identify", "/dev/stdin"])))
+    assert done.returncode == 2 and "a pipe or a device" in done.stderr
+
+
+def test_a_name_that_is_no_unicode_is_no_obstacle(here):
+    name = b"caf\xe9.npz".decode(errors="surrogateescape")
+    os.rename("r.npz", name)
+    done = subprocess.run([sys.executable, sensorid.__file__, "diagnose", name, "--out",
+                           "d"], capture_output=True, text=True, errors="replace")
+    assert done.returncode == 0, done.stderr
+    assert "none" in done.stdout and (here / "d/report.html").exists()
+
+
 def test_an_interrupt_ends_in_one_line(here):
     np.savez("r.npz", error=np.random.default_rng(0).normal(size=10**7).cumsum(), dt=1.)
     # by default three hypotheses, which take longer than this

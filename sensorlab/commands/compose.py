@@ -31,14 +31,16 @@ def run(options):
             record.error, record.dt)), progress=progress)
     simulator = augmented(d)
     (h,) = simulator.hypotheses
-    if options.json:
-        write_json(options.json, {
-            **{key: value for key, value in report(d, record).items()
-               if key in ("record", "found", "gap")},
-            "hypothesis": dict(name=h.name, parameters={
-                p.symbol: dict(mean=p.mean, sd=p.sd) for p in h.parameters})})
-    if options.save_model:
-        write_text(options.save_model, model_of(record, simulator))
-    if plt:
-        save(draw_diagnosis(d, view(d), record, unit), options.plot)
-    show(record.heading, *described(d, h, unit))
+    try:
+        if options.json:
+            write_json(options.json, {
+                **{key: value for key, value in report(d, record).items()
+                   if key in ("record", "found", "gap")},
+                "hypothesis": dict(name=h.name, parameters={
+                    p.symbol: dict(mean=p.mean, sd=p.sd) for p in h.parameters})})
+        if options.save_model:
+            write_text(options.save_model, model_of(record, simulator))
+        if plt:
+            save(draw_diagnosis(d, view(d), record, unit), options.plot)
+    finally:    # a file that cannot be written loses no answer
+        show(record.heading, *described(d, h, unit))

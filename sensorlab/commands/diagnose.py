@@ -44,14 +44,16 @@ def run(options):
     if len(records) == 1 and options.checkpoint is None:
         return _one(options, model, *records, folder)
     several = answers(options, [_call(options, model, record) for record in records])
-    if folder:
-        folder.mkdir(exist_ok=True)
-        write_answers(folder / "report.json", several)
-        write_table(folder / "table.csv", several)
-        write_models(folder / "model", several)
-        write_picture(folder / "report.png", several)
-        write_pages(folder, several, options.typed)
-    conclude(several)
+    try:
+        if folder:
+            folder.mkdir(exist_ok=True)
+            write_answers(folder / "report.json", several)
+            write_table(folder / "table.csv", several)
+            write_models(folder / "model", several)
+            write_picture(folder / "report.png", several)
+            write_pages(folder, several, options.typed)
+    finally:    # a file that cannot be written loses no answer
+        conclude(several)
     if folder:
         print(f"{folder}: report.html, report.NAME.html, report.png, report.json, "
               "table.csv, model.NAME.json")
@@ -92,19 +94,27 @@ def _one(options, model, record, folder):
     (h,) = simulator.hypotheses
     quotes = as_quoted([(p.symbol, p.mean, p.sd) for p in h.parameters], record,
                        options)
-    if folder:
-        folder.mkdir(exist_ok=True)
-        write_text(folder / "model.json", model_of(record, simulator))
-        write_json(folder / "report.json", report(d, record))
-        seen = view(d)
-        save(draw_diagnosis(d, seen, record, unit), folder / "report.png")
-        write_text(folder / "report.html", page(
-            d, record, unit, provenance(_files(options, record), options.typed), seen))
-    show(*told(d, record, unit))
-    if quotes:
-        show(f"{h.name}:", quote_table(quotes))
+    try:
+        if folder:
+            _write(folder, options, d, record, simulator)
+    finally:    # a file that cannot be written loses no answer
+        show(*told(d, record, unit))
+        if quotes:
+            show(f"{h.name}:", quote_table(quotes))
     if folder:
         print(f"{folder}: report.html, report.png, report.json, model.json")
+
+
+def _write(folder, options, d, record, simulator):
+    """The files of a diagnosis, and of the simulator with what was found."""
+    folder.mkdir(exist_ok=True)
+    write_text(folder / "model.json", model_of(record, simulator))
+    write_json(folder / "report.json", report(d, record))
+    seen = view(d)
+    save(draw_diagnosis(d, seen, record, record.unit), folder / "report.png")
+    write_text(folder / "report.html", page(
+        d, record, record.unit, provenance(_files(options, record), options.typed),
+        seen))
 
 
 def _say_axes(records):

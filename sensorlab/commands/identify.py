@@ -39,15 +39,17 @@ def run(options):
     several = answers(options, [
         (identified, record, hypotheses, report_units(options, record))
         for record in records], usual=1)    # whose filters use all cores
-    if options.json:
-        write_answers(options.json, several)
-    if options.csv:
-        write_table(options.csv, several)
-    if options.save_model:
-        write_models(pathlib.Path(options.save_model).with_suffix(""), several)
-    if plt:
-        write_picture(options.plot, several)
-    conclude(several)
+    try:
+        if options.json:
+            write_answers(options.json, several)
+        if options.csv:
+            write_table(options.csv, several)
+        if options.save_model:
+            write_models(pathlib.Path(options.save_model).with_suffix(""), several)
+        if plt:
+            write_picture(options.plot, several)
+    finally:    # a file that cannot be written loses no answer
+        conclude(several)
 
 
 def _one(options, model, record, names, plt):
@@ -57,15 +59,22 @@ def _one(options, model, record, names, plt):
                   default_hypotheses(y, dt, names))
     posterior = identify(y, dt, hypotheses, progress=progress_bar)
     misfit = allan_misfit(y, dt, posterior.best)
-    best = posterior.best
+    try:
+        if options.json:
+            write_json(options.json, identification(
+                record, posterior, report_units(options, record), misfit))
+        if options.save_model:
+            write_text(options.save_model, posterior_model(record, posterior))
+        if plt:
+            save(draw_identify(record, posterior, unit), options.plot)
+    finally:    # a file that cannot be written loses no answer
+        _show(options, model, record, posterior, misfit)
+
+
+def _show(options, model, record, posterior, misfit):
+    """What is known of one record."""
+    y, dt, unit, best = record.error, record.dt, record.unit, posterior.best
     quotes = as_quoted(estimated(best), record, options)
-    if options.json:
-        write_json(options.json, identification(
-            record, posterior, report_units(options, record), misfit))
-    if options.save_model:
-        write_text(options.save_model, posterior_model(record, posterior))
-    if plt:
-        save(draw_identify(record, posterior, unit), options.plot)
     show(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing",
          Table(SUMMARY, tuple(summary_rows(posterior, unit)), (1,)),
          decided(posterior), misfit.sentence)

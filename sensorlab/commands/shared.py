@@ -328,16 +328,16 @@ def refuse_link(file):
     """Refuse to write through a link to a file, or to one that may be; devices such as
     /dev/stdout are linked.
     """
-    target = os.path.realpath(file)
-    if os.path.islink(file) and (os.path.isfile(target) or not os.path.exists(target)):
-        raise ValueError(f"{file} is a link to {target}: links are not followed, name "
-                         "the file itself")
+    if os.path.islink(file) and (os.path.isfile(file) or not os.path.exists(file)):
+        raise ValueError(f"{file} is a link to {os.path.realpath(file)}: links are not "
+                         "followed, name the file itself")
 
 
 def write_text(file, text):
     """Write a text whole or not at all."""
     refuse_link(file)
-    write_whole(file, lambda stream: stream.write(text.encode()))
+    write_whole(file, lambda stream: stream.write(
+        text.encode(errors="backslashreplace")))
 
 
 def write_json(file, value):

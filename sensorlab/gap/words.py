@@ -365,7 +365,9 @@ def described(d, h, unit):
         (h.name, "", values_text(own, unit)),
         *((one.name, percent(part.share), sizes([one], unit, d.scene.dt))
           for one, part in zip(d.found, d.parts))), (1,))
-    if "unknown" not in d.verdict:
+    if any(r.opaque for r in d.final.readings):
+        yield from left(d)
+    elif "unknown" not in d.verdict:
         yield ("their sum describes the record: the chance of a remainder as large is "
                f"{chance(d.remainder.p_value)}")
     else:

@@ -176,6 +176,9 @@ def _opened(source):
         return objects.name_of(source), groups
     file = pathlib.Path(source)
     folder_of_ros = (file / "metadata.yaml").is_file()
+    if file.exists() and not (file.is_file() or file.is_dir()):
+        raise ValueError(f"{file} is no file but a pipe or a device: write what comes "
+                         "from it into a file first")
     if not (file.is_file() or folder_of_ros):
         raise ValueError(f"{file}: no such file" + ", but a folder" * file.is_dir())
     kind = file.suffix.lower()
