@@ -300,6 +300,51 @@ def test_a_parameter_of_an_effect_of_the_simulator_may_be_wrong(known_to):
     assert again.verdict == "none"
 
 
+LINE = dict(frequency=0.073 / DT, amplitude=0.6, phase=sensorid.Parameter(
+    "phase", -np.pi, np.pi))
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.4, 1.0, 2.0])
+def test_the_amplitude_of_a_line_of_any_phase_is_held_against_a_record(factor):
+    line = Found(EFFECTS["sinusoid"], values={**account.fixed(
+        frequency=LINE["frequency"], amplitude=LINE["amplitude"]),
+        "phase": LINE["phase"]})
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    rng = np.random.default_rng(11)
+    y = rng.standard_normal(3000) + factor * LINE["amplitude"] * np.cos(
+        2.0 * np.pi * LINE["frequency"] * DT * np.arange(3000) + 0.7)
+    d = sensorlab.diagnose(y, DT, sensorlab.Simulator((h,), ((line,),)))
+    if factor == 1.0:
+        assert d.verdict == "none"
+        return
+    assert d.verdict == "wrong_parameter"
+    assert d.found[0].values["parameter"][0] == "sinusoid.amplitude"
+    mean, sd = d.found[0].values["factor"]
+    assert abs(mean - factor) < 3.0 * sd < 0.3
+    assert d.before.p_value < 1e-3 < 0.01 < d.after.p_value
+    assert d.closure.closed > 0.9
+    assert "the right amplitude of its sinusoid" in words.headline(d)
+    again = sensorlab.diagnose(y, DT, sensorlab.augmented(d))
+    assert again.verdict == "none"
+
+
+@pytest.mark.parametrize("coefficient", [0.0, -0.5, 0.5, 1.5])
+def test_a_range_of_a_size_is_held_against_a_record(coefficient):
+    column = dict(temperature=20.0 + np.sin(np.arange(2000) / 170.0))
+    warm = Found(EFFECTS["temperature"], "temperature", values=dict(
+        coefficient=sensorid.Parameter("coefficient", 0.48, 0.52)))
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    x = column["temperature"] - column["temperature"].mean()
+    y = np.random.default_rng(12).standard_normal(2000) + coefficient * x
+    d = sensorlab.diagnose(y, DT, sensorlab.Simulator((h,), ((warm,),)), column)
+    if coefficient == 0.5:
+        assert d.verdict == "none"
+    else:
+        assert d.verdict == "temperature"
+        mean, sd = d.found[0].values["coefficient"]
+        assert abs(mean - (coefficient - 0.5)) < 3.0 * sd < 0.2
+
+
 def test_wrong_units_are_one_factor_on_all_standard_deviations():
     said = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)]
     y = 9.80665 * sensorid.simulate(said, DT, 1500, seed=4).error[0]

@@ -77,7 +77,8 @@ def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None
         evidence[number] = samples[number].log_evidence[0]
     best = int(np.argmax(evidence))
     return Account(tuple(bases), tuple(hypotheses), tuple(signatures), tuple(readings),
-                   tuple(samples), mean_evidence(evidence), best,
+                   tuple(samples), mean_evidence(evidence) + sum(
+                       s.gain for s in signatures), best,
                    central(samples[best], likelihood_of(hypotheses[best])))
 
 
@@ -433,7 +434,10 @@ def _sized(signatures, sizes):
     """Signatures as `Found` with the sizes of their columns, one after another."""
     result = []
     for s in signatures:
-        size = [next(sizes) for _ in range(s.columns.shape[1])]
+        size = np.array([next(sizes) for _ in range(s.columns.shape[1])])
+        if s.is_held:
+            norm = max(np.hypot(*size), 1e-300)
+            size *= np.clip(norm, *s.held) / norm
         values = {**s.found.values, s.found.effect.size: np.hypot(*size)
                   if len(size) == 2 else size[0]}
         if len(size) == 2:

@@ -4,7 +4,7 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ive, logsumexp, ndtr
 
 from sensorid import at_quantiles, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.account import (
@@ -171,12 +171,15 @@ def _sought(scene, acc, effects, processes=True, known=NO_OTHER):
     name, best = known
     rivals += _with_filters(inside, effects, processes, max(
         [best, *(one.log_bayes for one in rivals)]), name)
+    wrong = [effect for effect in effects if effect.factor]
     if processes:
         floor = _floor(acc, max([best, *(one.log_bayes for one in rivals)]))
-        rivals += [rival for effect in effects if effect.factor
-                   for wrong in (_with_wrong_parameters, _with_wrong_scale)
-                   for rival in wrong(scene, acc, effect, floor)
+        rivals += [rival for effect in wrong
+                   for wrongly in (_with_wrong_parameters, _with_wrong_scale)
+                   for rival in wrongly(scene, acc, effect, floor)
                    if not _rests_on_rounding(rival.account, scene)]
+    rivals += [rival for effect in wrong
+               for rival in _with_wrong_sizes(scene, acc, effect)]
     return _Sought(inside, plain, reference, listed, samples, rivals)
 
 
@@ -565,7 +568,8 @@ def estimated_together(full, acc, path):
                 float(size[0] if len(size) == 1 else np.hypot(*size)),
                 float(np.sqrt(np.mean(sd**2))))}
         elif _is_single(one):
-            values = dict(factor=_factor(_wrong_key(one), acc.bases, acc))
+            values = {} if _held_by(acc.signatures, one) else dict(
+                factor=_factor(_wrong_key(one), acc.bases, acc))
         else:
             values = {} if one.effect.reading else _values(
                 _inside(acc, path.found, number), acc)
@@ -592,6 +596,10 @@ def without(full, acc, found, number, floor=-np.inf):
         # those of the simulator come first
         at = len(signatures) - sum(bool(f.effect.columns) for f in found[number:])
         signatures = signatures[:at] + signatures[at + 1:]
+    elif _held_by(signatures, one):
+        (wrong,) = _held_by(signatures, one)
+        signatures = tuple(s._replace(gain=0.0) if s is wrong else s
+                           for s in signatures)
     elif _is_single(one):
         key = _wrong_key(one)
         hypotheses = [
@@ -669,6 +677,57 @@ def _with_wrong_parameters(scene, acc, effect, floor):
                                      factor=_factor(key, acc.hypotheses, wide)))
 
 
+SPREAD, STEPS = 8.0, 321    # standard errors about an amplitude, and in how many steps
+
+
+def _with_wrong_sizes(scene, acc, effect):
+    """Rivals in which the amplitude of a line of the simulator, of any phase, is not
+    within its ends.
+
+    Of a line of amplitude A the estimate (2,) has Rice's law about it: with its length
+    r and variance c^2 the likelihood is exp(-(A - r)^2 / 2 c^2) I_0(A r / c^2)
+    exp(-A r / c^2).
+    """
+    for number, s in enumerate(acc.signatures):
+        if not s.is_held:
+            continue
+        plain, hypotheses = gaussian(scene, acc)
+        h = hypotheses[acc.best]
+        solved = solve(h, plain, acc.signatures,
+                       acc.member.matching(h, acc.theta)[None])
+        first = 1 + sum(other.columns.shape[1] for other in acc.signatures[:number])
+        own = slice(first, first + 2)
+        # less what the prior of the filter says
+        precision = 1.0 / np.mean(np.diag(solved.cov[0])[own]) - 1.0 / s.sd**2
+        if not precision > 0.0:
+            continue
+        c = precision**-0.5
+        r = np.hypot(*solved.size[0, own]) * (1.0 + c**2 / s.sd**2)
+
+        def rice(A, r=r, c=c):
+            return -0.5 * ((A - r) / c)**2 + np.log(ive(0, A * r / c**2))
+        least, most = s.held
+        within = logsumexp(rice(np.linspace(least, most, STEPS))) - np.log(STEPS)
+        A, apart = np.linspace(max(r - SPREAD * c, 1e-3 * c), r + SPREAD * c, STEPS,
+                               retstep=True)
+        # beyond, an e-fold on average, as other parameters
+        beyond = rice(A) + np.log(0.5 * apart * np.where(
+            A > most, most / A**2, np.where(A < least, 1.0 / least, 0.0)) + 1e-300)
+        gain = float(logsumexp(beyond) - within)
+        if gain <= 0.0:
+            continue
+        w = np.exp(beyond - beyond.max())
+        factor = A / np.clip(A, least, most)
+        mean = w @ factor / w.sum()
+        name = f"{s.found.name}.{s.found.effect.size}"
+        loose = (*acc.signatures[:number], s._replace(gain=gain),
+                 *acc.signatures[number + 1:])
+        yield _Rival(effect, name, gain, account=acc._replace(
+            signatures=loose, log_evidence=acc.log_evidence + gain), values=dict(
+                parameter=(name, 0.0), factor=(float(mean), float(np.sqrt(
+                    w @ (factor - mean)**2 / w.sum())))))
+
+
 def _form(bases, key):
     """Which form of an effect, by its key, a simulator has; "" if there is but one."""
     return next((one.variant or one.effect.variants[0] for base in bases
@@ -689,6 +748,12 @@ ALL = "all"    # standard deviations, by one factor
 def _is_single(one):
     """Is it a single parameter that is wrong?"""
     return one.effect.factor and one.values["parameter"][0] != ALL
+
+
+def _held_by(signatures, one):
+    """The line of the simulator whose amplitude is wrong, if it is that, in a list."""
+    return [s for s in signatures if one.effect.factor and s.gain and one.values.get(
+        "parameter", ("",))[0] == f"{s.found.name}.{s.found.effect.size}"][:1]
 
 
 def _wrong_key(one):

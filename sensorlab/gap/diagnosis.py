@@ -314,11 +314,16 @@ def _without_known(simulator, raw, latent=None, centred=False):
             raise ValueError(f"{one.name} of the simulator needs a column {one.column}:"
                              " beside the error is "
                              f"{', '.join(raw.columns) or 'nothing'}")
+        size, phase = (one.values.get(key) for key in (one.effect.size, "phase"))
         if any(getattr(p, "free", False) for p in one.values.values()):
             free.append(_of_unknown_size(raw, one))
-        else:
-            known.append(one)
-            added += signature_of(raw, one, known_values(one))
+        if getattr(phase, "free", False):
+            continue
+        mean = size.mean if isinstance(size, Parameter) else size
+        if mean:    # of a range, the rest is in a signature
+            known.append(one._replace(values={**one.values, **fixed(
+                **{one.effect.size: mean})}))
+            added += signature_of(raw, known[-1], known_values(known[-1]))
     y = raw.y - added
     bases = members(simulator, raw._replace(y=y))
     mean, spread, offset = float(np.nanmean(y)), float(np.nanstd(y)), 0.0
@@ -343,14 +348,19 @@ def _without_known(simulator, raw, latent=None, centred=False):
 
 
 def _of_unknown_size(raw, one):
-    """A signature of the simulator, its size unknown within a range, as `Signature`."""
+    """A signature of the simulator as `Signature`: a line of any phase, or what is not
+    known of a size within a range.
+    """
     effect = one.effect
-    size = one.values[effect.size]
-    sd = float(np.hypot(size.mean, size.sd) if isinstance(size, Parameter) else size)
+    size, phase = one.values[effect.size], one.values.get("phase")
+    least, most = (size.low, size.high) if isinstance(size, Parameter) else (size, size)
+    any_phase = getattr(phase, "free", False)
+    sd = float(max(abs(least), abs(most)) if any_phase else size.sd)
     numbers = {**known_values(one), effect.size: sd}
     return Signature(one._replace(values=numbers),
                      columns_of(raw, effect, one.column, one.variant,
-                                psi_of(raw, effect, numbers)), sd)
+                                psi_of(raw, effect, numbers)), sd, not any_phase,
+                     (least, most) if any_phase and least > 0.0 else ())
 
 
 def _with_bias(h, bias_sigma):

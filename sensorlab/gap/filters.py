@@ -23,8 +23,15 @@ class Signature(NamedTuple):
     found: Found
     columns: np.ndarray    # (N, k)
     sd: float              # of its size, a priori: wide
+    given: bool = False    # by the simulator, but for the rest of a size
+    held: tuple = ()       # ends of its size in the simulator, of a line of any phase
+    gain: float = 0.0      # nats, if it may be beyond
 
     __repr__ = brief
+
+    @property
+    def is_held(self):
+        return bool(self.held) and not self.gain
 
 
 class Predicted(NamedTuple):

@@ -134,7 +134,7 @@ PSI_COUNT = 16    # values of a psi that is neither onset nor frequency
 
 def families(scene, effects, signatures=()):
     """What there is to be searched for in a scene."""
-    known = {(s.found.name, s.found.column) for s in signatures}
+    known = {(s.found.name, s.found.column) for s in signatures if not s.given}
     named = {c.column for c in CATALOGUE.values()}
     result = []
     for effect in effects:
