@@ -28,7 +28,7 @@ The file reads in the order of the paper; a section calls only sections above it
 
 import sys
 
-__version__ = "0.9.0"
+__version__ = "0.10.0"
 
 
 def main(argv=None):
@@ -560,7 +560,7 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
         hypothesis(name, bias_sigma=bias_sigma, prior="log", **{
             symbol: ranges[symbol]
             for symbol in inspect.signature(MODELS[name]).parameters
-            if symbol in ranges})
+            if symbol in ranges})._replace(bias_given=False)
         for name in names)
 
 

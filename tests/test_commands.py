@@ -50,6 +50,17 @@ def test_identify_names_the_model_and_writes_what_it_says(folder, capsys):
     assert np.load("s.npz")["error"].shape == (2, 20000)
 
 
+@pytest.mark.parametrize("compose", [[], ["--compose"]])
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_a_saved_model_has_the_bias_that_its_record_has(folder, compose, offset):
+    y = offset + 0.07 * np.random.default_rng(8).standard_normal(2000)
+    np.savez("bias.npz", error=y, dt=0.005)
+    main(["identify", "bias.npz", "--save-model", "bias.json", *compose])
+    (h,) = sensorlab.read_model("bias.json").simulator.hypotheses
+    assert h.bias_sigma == pytest.approx(np.hypot(y.mean(), 0.07 / np.sqrt(2000)),
+                                         rel=0.1)
+
+
 def test_a_record_that_no_hypothesis_describes_is_told(folder, capsys):
     t = np.arange(4000)
     y = np.random.default_rng(1).normal(size=4000) + 0.8 * np.sin(t / 4)

@@ -430,6 +430,15 @@ def with_sizes(acc, scene, thetas):
         plain, masked, acc.signatures, at).size[0]]
 
 
+def bias_of(acc, scene):
+    """Expectation and standard deviation of the bias of a record, u."""
+    masked, hypotheses = gaussian(scene, acc)
+    plain = hypotheses[acc.best]
+    told = estimated(plain, masked, acc.signatures,
+                     acc.member.matching(plain, acc.theta)[None])
+    return float(told.size[0, 0, -1]), float(np.sqrt(told.covariance[0, 0, -1, -1]))
+
+
 def _sized(signatures, sizes):
     """Signatures as `Found` with the sizes of their columns, one after another."""
     result = []

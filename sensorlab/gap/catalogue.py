@@ -637,6 +637,7 @@ MIN_RINGING = 16    # of a ringing, or a burst: fewer are outliers
 MIN_SLOW = 64     # of a slow step: fewer are a step
 MIN_STEPS = 10    # in a record, on average: fewer are bias steps
 MIN_REST = 30    # samples from one step to the next: fewer are a walk
+WIDEST_PLAY = 0.25    # of the range of a column, to either side: half of it in all
 MIN_BURST = 8    # samples of a burst of noise: fewer are outliers
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
 
@@ -739,7 +740,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="any drift that moves as the column does",
            experiment="vary that quantity alone"),
     Effect("hysteresis", columns=_hysteresis, column="any",
-           parameters=lambda s: (_log("play", 3e-4, 0.4),),
+           parameters=lambda s: (_log("play", 3e-4, WIDEST_PLAY),),
            equation="y + size (x - X) / width, X follows x as soon as it is width = "
                     "play (max x - min x) behind; play without unit, size in u",
            resembles="thermal lag, scale factor, random telegraph",

@@ -11,7 +11,7 @@ from sensorid import (
     Parameter, as_hypotheses, as_samples, at_quantiles, brief, free_columns,
     mean_square, one_thread_if, random_walk, rate_ramp)
 from sensorlab.gap.account import (
-    Account, account, as_simulated, fixed, in_place, with_tails)
+    Account, account, as_simulated, bias_of, fixed, in_place, with_tails)
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
@@ -248,8 +248,12 @@ def augmented(d):
     known = sum((signature_of(d.scene, one, known_values(one))
                  for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))
-    bias_sigma = h.bias_sigma or d.final.bases[d.final.best].hypothesis.bias_sigma
-    h = h._replace(bias_sigma=max(bias_sigma, abs(offset)), bias_given=True)
+    base = d.final.bases[d.final.best].hypothesis
+    bias_sigma = max(h.bias_sigma or base.bias_sigma, abs(offset))
+    if not base.bias_given:    # nobody has said how large it may be
+        mean, sd = bias_of(d.final, as_read(d.scene, d.final.readings))
+        bias_sigma = float(np.hypot(offset + mean, sd))
+    h = h._replace(bias_sigma=bias_sigma, bias_given=True)
     return Simulator((h,), (tuple(map(_at_any_phase, (*d.known, *effects))),))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sensorid import (
     Parameter, allan_deviation, allan_misfit, allan_variance, decide,
-    default_hypotheses, identify, matrices, model_allan_variance)
+    default_hypotheses, estimate_state, identify, matrices, model_allan_variance)
 from sensorlab.gap.account import as_simulated
 from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.diagnosis import augmented, diagnose
@@ -97,9 +97,14 @@ def estimated(e):
 
 def posterior_model(record, posterior):
     """Text of a model file of the most probable hypothesis, with ranges of two standard
-    deviations to either side.
+    deviations to either side. If nobody has said how large a bias may be, it is as
+    large as that of the record.
     """
     h = posterior.best.hypothesis
+    if not h.bias_given:
+        mean, cov = estimate_state(record.error, posterior.best, record.dt)
+        h = h._replace(bias_given=True, bias_sigma=float(np.sqrt(
+            mean[-1]**2 + cov[-1, -1])))
     narrow = h._replace(parameters=tuple(
         Parameter(p.symbol, max(p.low, mean - 2 * sd), min(p.high, mean + 2 * sd),
                   p.log) if p.free else p
