@@ -59,6 +59,16 @@ def test_what_is_missing_stays_so_and_draws_are_the_same_again():
     assert np.all(np.isnan(short) == (y[:100] >= 0.5))
 
 
+@pytest.mark.parametrize("x", [
+    np.sin(0.1 * np.arange(500.0)), np.exp(0.2 * np.arange(500.0)),
+    np.arange(500.0) % 2.0, 1e12 + np.sin(0.1 * np.arange(500.0))])
+def test_what_has_no_noise_is_unclipped_without_end_or_error(x):
+    high = np.quantile(x, 0.8)
+    filled = clipping.unclipped(np.minimum(x, high), -np.inf, high)
+    assert np.all(filled[x < high] == x[x < high])
+    assert np.all((filled[x >= high] >= high) | np.isnan(filled[x >= high]))
+
+
 @pytest.mark.parametrize("lsb", [0.02, 0.1, 0.2, 0.5])
 def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
     rng = np.random.default_rng(4)

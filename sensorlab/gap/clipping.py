@@ -10,6 +10,8 @@ from sensorlab.gap.kernels import KERNEL
 ORDER = 16       # of the autoregressive process that a record is taken for
 SWEEPS = 30      # over all clipped samples, each with a process fitted anew
 LEAST = 8 * ORDER    # samples that tell a process
+SMALLEST = 1e-12     # of the variance of a record, that cannot be predicted
+FAR = 1e6        # standard deviations: as far out, a draw is at the limit
 KEPT = 4         # records
 
 
@@ -43,10 +45,11 @@ def _unclipped(y, low, high):
         gram = rows.T @ rows
         a = np.linalg.lstsq(gram[1:, 1:], gram[1:, 0])[0]
         c = np.append(1.0, -a)
-        variance = max(c @ gram @ c, 0.0) / len(rows)
+        variance = max(c @ gram @ c, SMALLEST * gram[0, 0]) / len(rows)
         _sweep(x, at, side[at], limit, c, np.sqrt(variance), seed)
-    result = x + middle
-    result[missing] = np.nan
+    result = np.where(inside, y, np.where(
+        side > 0, np.maximum(x + middle, high), np.minimum(x + middle, low)))
+    result[missing | ~np.isfinite(result)] = np.nan
     return result
 
 
@@ -83,6 +86,8 @@ def _beyond(least):
     """A draw of the standard normal law above some value, by rejection (C. Robert,
     "Simulation of truncated normal variables", Stat. Comput. 5, 1995).
     """
+    if not least < FAR:
+        return least
     if least <= 0.0:
         while True:
             z = np.random.standard_normal()
