@@ -461,7 +461,8 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
 
 def as_hypotheses(hypotheses):
     """One or several hypotheses as a tuple, or a sentence on what is none."""
-    hypotheses = (hypotheses,) if hasattr(hypotheses, "filter") else tuple(hypotheses)
+    one = isinstance(hypotheses, str) or hasattr(hypotheses, "filter")
+    hypotheses = (hypotheses,) if one else tuple(hypotheses)
     for h in hypotheses:
         if not hasattr(h, "filter"):
             raise ValueError(f"{h!r} is no hypothesis: hypothesis(name, ...) makes one,"
@@ -550,6 +551,7 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
                   sigma_m=slow, sigma_n=slow)
     ranges["slope"] = Parameter("slope", -10.0 * wide / duration,
                                 10.0 * wide / duration)
+    names = (names,) if isinstance(names, str) else tuple(names)
     for name in names:
         if name not in MODELS:
             raise ValueError(f"unknown hypothesis {name!r}: "
@@ -2793,6 +2795,9 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     if not 1 <= stops[0] <= stops[-1] <= samples:
         raise ValueError(f"times {stops[0] * dt:g} to {stops[-1] * dt:g} s "
                          f"do not lie within {dt:g} to {duration:g} s")
+    if truths and len(truths) != len(hypotheses):
+        raise ValueError(f"{len(truths)} truths of {len(hypotheses)} hypotheses: one "
+                         "for each is needed")
     if algorithms:    # refuse what they cannot do before the work
         short = simulate(truths or hypotheses, dt, int(stops[0]), 1, seed).error[0]
         for algorithm in algorithms.values():
@@ -2984,6 +2989,9 @@ def check_targets(hypotheses, error, rsd):
     if error is not None and (len(hypotheses) < 2 or not 0.0 < error < 1.0):
         raise ValueError(f"error probability {error:g} of {len(hypotheses)} hypotheses:"
                          " 0 < target < 1 and two of them are needed")
+    if rsd and not hasattr(rsd, "items"):
+        raise ValueError(f"rsd is {rsd!r}: a dict of parameters and their RSD is "
+                         'needed, such as {"sigma_w": 0.05}')
     result = [] if error is None else [("error_probability", float(error), None)]
     listed = [(f"{h.name}.{p.symbol}", p) for h in hypotheses for p in h.parameters]
     for name, target in rsd.items():

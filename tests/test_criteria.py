@@ -107,7 +107,8 @@ def test_an_interrupted_run_is_taken_up_with_the_same_bits(tmp_path):
 @pytest.mark.parametrize("change, message", [
     (dict(dt=0.0), "0 < dt <= duration"), (dict(duration=0.5), "0 < dt <= duration"),
     (dict(trials=15), "15 trials of 2 hypotheses: a criterion needs at least 16"),
-    (dict(times=[500.0]), "do not lie within")])
+    (dict(times=[500.0]), "do not lie within"),
+    (dict(truths=paper_case(2)[:1]), "1 truths of 2 hypotheses: one for each")])
 def test_senseless_runs_are_refused(change, message):
     arguments = dict(dt=1.0, duration=100.0, trials=20) | change
     with pytest.raises(ValueError, match=message):
@@ -137,6 +138,7 @@ def test_what_cannot_be_reached_is_said_with_its_reason():
 
 @pytest.mark.parametrize("change, message", [
     (dict(), "no target is given"), (dict(error=1.5), "0 < target < 1"),
+    (dict(rsd=0.1), "rsd is 0.1: a dict of parameters"),
     (dict(rsd=dict(sigma_v=0.1)), "RSD 0.1 of sigma_v: a target > 0 is needed, of "),
     (dict(rsd=dict(tau_m=0.0)), "a target > 0"),
     (dict(rsd=dict(walk=0.1), trials=1), "a target > 0")])
