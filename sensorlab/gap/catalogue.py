@@ -762,8 +762,8 @@ CATALOGUE = {effect.name: effect for effect in (
     Effect("bias_instability", model=_bias_instability, elementwise=True,
            parameters=lambda s: (_log("sigma", 0.01 * s.white, _spread(s)),),
            equation="y + Markov processes of the spectrum B^2 / (2 pi f) together, B = "
-                    "sigma sqrt(pi / (decades ln 10)) in u, decades one more than whole "
-                    "ones from dt to T / 10",
+                    "sigma sqrt(pi / (decades ln 10)) in u, decades one more than "
+                    "whole ones from dt to T / 10",
            resembles="correlated noise, random walk", experiment="record longer"),
     Effect("narrow_band_noise", model=_narrow_band, elementwise=True, search="band",
            parameters=lambda s: (Parameter("frequency", MIN_CYCLES / s.duration,
