@@ -97,7 +97,7 @@ def search(full, start, readings, effects, before, glanced, shared):
         acc, lesser, path, leaves = _without_needless(full, acc, path, leaves,
                                                       look.prior)
         last, after = after, glanced(acc, after)
-        needed = stays_needed(path.found[-1].effect, last, after)
+        needed = stays_needed(found[0].found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
     return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left)
 
@@ -169,21 +169,23 @@ def _without_needless(full, acc, path, leaves, prior):
         elif log_odds < HOPELESS_NATS:    # it is known well
             lesser[number] = less
     if len(path.found) < len(every):
-        again = _last_again(full, acc, path)
-        if again:
-            acc, path, lesser = *again, {}
-            leaves.pop(path.effect, None)
+        for one in path.found:
+            again = _sought_again(full, acc, path, one)
+            if again:
+                acc, path, lesser = *again, {}
+                leaves.pop(path.effect, None)
     return acc, lesser, path, leaves
 
 
-def _last_again(full, acc, path):
-    """An account and a path whose last effect is sought again, or None: beside what is
-    dropped now it had another onset or duration.
+def _sought_again(full, acc, path, one):
+    """An account and a path in which one of its effects is sought again, or None:
+    beside what is dropped now it had another onset or duration.
     """
-    scene, one = as_read(full, acc.readings), path.found[-1]
+    scene = as_read(full, acc.readings)
     if not (one.effect.columns and one.effect.parameters(scene)):
         return None
-    less, rest = _less(full, acc, {}, path, len(path.found) - 1)
+    number = next(k for k, other in enumerate(path.found) if other is one)
+    less, rest = _less(full, acc, {}, path, number)
     look = further_causes(scene, less, [one.effect])
     best = next((c for c in look.causes if c.found), None)
     if look.account is None or best.column != one.column or (
