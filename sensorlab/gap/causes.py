@@ -596,9 +596,8 @@ def without(full, acc, found, number, floor=-np.inf):
         # those of the simulator come first
         at = len(signatures) - sum(bool(f.effect.columns) for f in found[number:])
         signatures = signatures[:at] + signatures[at + 1:]
-    elif _held_by(signatures, one):
-        (wrong,) = _held_by(signatures, one)
-        signatures = tuple(s._replace(gain=0.0) if s is wrong else s
+    elif held := _held_by(signatures, one):
+        signatures = tuple(s._replace(gain=0.0) if s is held[0] else s
                            for s in signatures)
     elif _is_single(one):
         key = _wrong_key(one)

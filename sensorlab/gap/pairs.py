@@ -144,7 +144,7 @@ def _coarse(scene, family):
 def _gains(J, first, last):
     """Squared standard scores (F, F) of the sizes of any two signatures, of which there
     is one column or two, numbers first (F,) and last (F,) in the products J (c, c) of
-    whitened rows, the record before all columns; 0 where one is like the other.
+    whitened rows, the record before all columns; -inf where one is like the other.
     """
     result, two = np.zeros((len(first), len(first))), first != last
     for i in range(len(first)):
@@ -167,8 +167,8 @@ def _gains(J, first, last):
 def _signature(scene, form, J):
     """`Signature` of a form of the coarse list, about as large as in the record."""
     effect, column = form.family.effect, form.family.column
-    ((_, _, columns),) = [own for own in columns_at(scene, form.family._replace(
-        variant=form.variant), [form.psi])]
+    ((_, _, columns),) = columns_at(scene, form.family._replace(
+        variant=form.variant), [form.psi])
     own = np.arange(form.first, form.last + 1)
     size = float(np.linalg.norm(np.linalg.pinv(J[np.ix_(own, own)]) @ J[own, 0]))
     values = dict(zip((p.symbol for p in effect.parameters(scene)),

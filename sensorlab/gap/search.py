@@ -91,7 +91,7 @@ def search(full, start, readings, effects, before, glanced, shared):
                                                *acc.signatures[:-1]))
             after = glanced(acc, after)
             continue
-        noises += not one.effect.columns
+        noises += sum(not one.effect.columns for one in found[0].found)
         acc, path = look.account, _joined(path, found[0])
         leaves.pop(path.effect)
         acc, lesser, path, leaves = _without_needless(full, acc, path, leaves,
