@@ -135,6 +135,18 @@ def test_an_interrupt_is_known_whatever_becomes_of_it(here, monkeypatch, capsys,
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_a_request_to_end_leaves_no_part_of_a_file(here, monkeypatch, capsys):
+    def ended(stream):
+        stream.write(b"a part")
+        signal.raise_signal(signal.SIGTERM)
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(command, "run", lambda options: write_whole("o.json", ended))
+    files = os.listdir()
+    assert main(IDENTIFY) == 143
+    assert capsys.readouterr().err == "sensorid: told to end\n"
+    assert os.listdir() == files and signal.getsignal(signal.SIGTERM) is before
+
+
 def test_what_is_our_own_mistake_is_raised(here, monkeypatch):
     monkeypatch.setattr(command, "run", lambda options: {}["nothing"])
     with pytest.raises(KeyError):

@@ -15,7 +15,7 @@ from sensorlab.printable import printable
 
 def main(argv=None):
     """Run the command line; returns the exit status: 0 done, 2 bad input, 130
-    interrupted, 141 if nobody reads what is printed.
+    interrupted, 143 told to end, 141 if nobody reads what is printed.
     """
     typed = sys.argv[1:] if argv is None else argv
     options = argparse.Namespace(checkpoint=None, typed=shlex.join(
@@ -26,9 +26,10 @@ def main(argv=None):
         importlib.import_module(f"{__name__}.{options.command}").run(options)
 
     def kept():
-        return options.checkpoint and (
-            f"; what is finished is kept in {options.checkpoint}, the same command "
-            "goes on from there")
+        folder = options.checkpoint
+        return folder and os.path.isdir(folder) and os.listdir(folder) and (
+            f"; what is finished is kept in {folder}, the same command goes on from "
+            "there")
     return in_one_line(work, kept, last=argv is None)
 
 
@@ -53,10 +54,10 @@ def in_one_line(work, kept=lambda: "", last=True):
                 sys.stdout.flush()
             status = 0
         except KeyboardInterrupt:
-            status = _interrupted(kept)
+            status = _interrupted(interrupts, kept)
         except Exception as problem:
             # compiled and foreign code turn interrupts into errors of their own
-            status = _interrupted(kept) if interrupts else _refused(problem)
+            status = _interrupted(interrupts, kept) if interrupts else _refused(problem)
             _drop_stdout()
         if last and _in_main_thread():    # nothing is left to interrupt
             signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -67,9 +68,14 @@ def _in_main_thread():
     return threading.current_thread() is threading.main_thread()
 
 
+ENDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "told to end"}
+
+
 @contextlib.contextmanager
 def _interrupts_noted():
-    """A list of the interrupts that have come, whatever became of them."""
+    """A list of the interrupts that have come, whatever became of them: those from the
+    keyboard, and requests to end, which batch systems send.
+    """
     interrupts = []
 
     def note(number, frame):
@@ -85,14 +91,15 @@ def _interrupts_noted():
     if not _in_main_thread():
         yield interrupts
         return
-    before, hook = signal.signal(signal.SIGINT, note), sys.unraisablehook
-    sys.unraisablehook = unraisable
+    before = {number: signal.signal(number, note) for number in ENDS}
+    hook, sys.unraisablehook = sys.unraisablehook, unraisable
     try:
         yield interrupts
     finally:
         sys.unraisablehook = hook
-        if signal.getsignal(signal.SIGINT) is note:
-            signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            if signal.getsignal(number) is note:
+                signal.signal(number, handler)
 
 
 def _refused(problem):
@@ -107,9 +114,10 @@ def _refused(problem):
     return 2
 
 
-def _interrupted(kept):
-    _say(f"interrupted{kept() or ''}")
-    return 130
+def _interrupted(interrupts, kept):
+    number = interrupts[0] if interrupts else signal.SIGINT
+    _say(f"{ENDS[number]}{kept() or ''}")
+    return 128 + number
 
 
 def _say(sentence):
