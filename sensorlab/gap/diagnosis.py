@@ -202,11 +202,12 @@ class _Described(NamedTuple):
 
 def _described(full, done, before, measured):
     """`_Described` of a search, its effects estimated together."""
-    done = done._replace(account=with_tails(
-        as_read(full, done.account.readings), done.account))
-    path = estimated_together(full, done.account, done.path)
+    final = with_tails(as_read(full, done.account.readings), done.account)
     if done.after is not before:
-        done = done._replace(after=measured(done.account, done.after))
+        done = done._replace(account=final, after=measured(final, done.after))
+    elif final.best == done.account.best:    # what is before is of that hypothesis
+        done = done._replace(account=final)
+    path = estimated_together(full, done.account, done.path)
     done = done._replace(path=path, leaves={
         **done.leaves, path.effect: done.leaves[path.effect]._replace(
             found=path.found)})
