@@ -123,7 +123,9 @@ def lagged(x, dt, tau):
 
 
 def _lagged(scene, x, psi):
-    yield "", _centred(lagged(x, scene.dt, psi))[:, None]
+    late = lagged(x, scene.dt, psi)
+    yield "lagged value", _centred(late)[:, None]
+    yield "lag", _centred(late - x)[:, None]
 
 
 def _hysteresis(scene, x, psi):
@@ -714,8 +716,9 @@ CATALOGUE = {effect.name: effect for effect in (
     Effect("thermal_lag", columns=_lagged, size="coefficient", column="temperature",
            becomes="temperature",
            parameters=lambda s: (_log("tau", s.duration / 100, s.duration / 4),),
-           equation="y + coefficient (X - mean of X), tau dX/dt = x - X; tau in s, "
-                    "coefficient in u per unit of x",
+           equation="y + coefficient f, f = X less its mean, or X - x where what comes "
+                    "at once is compensated, tau dX/dt = x - X; tau in s, coefficient "
+                    "in u per unit of x",
            resembles="temperature",
            experiment="step the temperature and hold it"),
     Effect("scale_factor", columns=_linear, size="coefficient", column="rate",

@@ -501,12 +501,15 @@ class _Weighed(NamedTuple):
 
 def _with_best(inside, plain, rivals, signature, by_chance):
     """`_Weighed` of the rivals, and the account with the best in it, or None where none
-    is as probable. What proves to be worth less on the way is so among the rivals, too.
+    is as probable. What proves to be worth less or more on the way is so among the
+    rivals, too.
 
     Signatures were sought in the scene `plain`; `signature` gives that of a family, by
     its number; `by_chance` as for `further_causes`.
     """
     scene, acc = inside.scene, inside.acc
+    if plain is not scene:
+        _seen_by_jumps(scene, plain, acc, rivals, signature)
     while True:
         prior, alone, share = _probabilities(acc, rivals)
         weighed = _Weighed(prior, alone, share, _grouped(rivals, share))
@@ -524,15 +527,36 @@ def _with_best(inside, plain, rivals, signature, by_chance):
         worth = best.log_bayes
         if plain is not scene and gain < max(
                 np.log(len(rivals)) + search_cost(best.effect, scene), SEEN * worth):
-            # what stood in for the jumps misled: what the filter with jumps sees
-            # counts, of one signature less what the best of all gains by chance
-            searched = len(best.effect.parameters(scene)) if best.effect.columns else 0
-            worth = min(worth, gain - searched * np.log(len(scene.y)))
+            # what stood in for the jumps misled: what the filter with jumps sees counts
+            worth = min(worth, gain - _by_search(best.effect, scene))
         if by_chance:
             worth -= by_chance(best.effect)
         if worth == best.log_bayes:
             return weighed, chosen
         rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=worth)
+
+
+def _by_search(effect, scene):
+    """What the best of all signatures of an effect gains by chance, nats; 0 of others.
+    """
+    searched = len(effect.parameters(scene)) if effect.columns else 0
+    return searched * np.log(len(scene.y))
+
+
+def _seen_by_jumps(scene, plain, acc, rivals, signature):
+    """The best of the rivals that were sought where something stands in for jumps, a
+    signature and a process, where the filter with jumps sees more of it.
+    """
+    for directed in True, False:
+        own = [k for k, one in enumerate(rivals) if not one.effect.jumps
+               and (one.family > 0) == directed and (directed or one.account)]
+        k = max(own, key=lambda k: rivals[k].log_bayes, default=None)
+        if k is not None:
+            chosen = _account_with(scene, plain, acc, rivals[k], signature)
+            worth = chosen.log_evidence - acc.log_evidence - _by_search(
+                rivals[k].effect, scene)
+            if worth > rivals[k].log_bayes:
+                rivals[k] = rivals[k]._replace(chosen=chosen, log_bayes=worth)
 
 
 def _account_with(scene, plain, acc, best, signature):

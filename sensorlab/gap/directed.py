@@ -209,8 +209,8 @@ def estimate_signature(scene, reference, family, samples, number, count=None):
     for k, p in enumerate(effect.parameters(scene)):
         mean = expected(lambda p: p[3][:, k, None])
         variance = expected(lambda p: (p[3][:, k, None] - mean)**2)
-        if effect.search in ("onset", "pulse"):    # which are whole samples
-            variance += scene.dt**2 / 12.0
+        if effect.search in ("onset", "pulse"):    # anywhere since the sample before
+            variance += scene.dt**2 / 3.0
         values[p.symbol] = mean, float(np.sqrt(variance))
     size = expected(lambda p: p[1])
     sd = float(np.sqrt(max(expected(lambda p: p[2]) - size**2, 0.0)))

@@ -1,7 +1,8 @@
 """Two effects at a time, where neither explains much without the other.
 
 All pairs of a coarse list of signatures are tried on the scores of one filter, and the
-best are sought exactly.
+best are sought exactly. Beside what is odd or jumps, and beside a process for which
+jumps may stand in, any effect is sought.
 """
 
 from typing import NamedTuple
@@ -30,21 +31,24 @@ EVEN_BETTER = 0.3    # nats that a further round must gain
 
 def best_pair(scene, acc, causes, effects):
     """(found, ln B, account) of two effects that explain more together than alone: of
-    two signatures, or of odd samples and a signature. None if the best of the `causes`
-    of an account is no process or jumps that these may be taken for.
+    two signatures, of odd samples and a signature, or of any two for which jumps may
+    stand in. None if the best of the `causes` of an account is a signature.
     """
     best, *others = [c for c in causes if c.found]
     if best.found[0].effect.columns:
         return None
-    forms, odd = ([e for e in effects if e.columns],
-                  [e for e in effects if e.name in LAWS])
-    pairs = []
+    forms, pairs = [e for e in effects if e.columns], []
     for signature in _starts(scene, acc, forms, best.log_bayes):
-        pairs += _ever_better(scene, acc, _with(scene, acc, signature), forms)
-    if any(c.effect in LAWS and c.log_bayes > MOST_OF * best.log_bayes for c in others):
-        beside = further_causes(scene, acc, odd).account
+        pairs += _ever_better(scene, acc, _with(scene, acc, signature), forms, forms)
+    jumps = bool(best.found[0].effect.jumps)
+    inside = [c.found[0].effect for c in others if (
+        c.effect in LAWS or jumps and not c.found[0].effect.columns)
+        and c.log_bayes > MOST_OF * best.log_bayes]
+    for effect in sorted(inside, key=lambda e: e.name not in LAWS)[:STARTS]:
+        beside = further_causes(scene, acc, [effect]).account
         if beside is not None:
-            pairs += _ever_better(scene, acc, beside, forms, odd)
+            pairs += _ever_better(scene, acc, beside, effects if jumps else forms,
+                                  [effect])
     return max(pairs, key=lambda pair: pair[1], default=None)
 
 
@@ -54,28 +58,44 @@ def _with(scene, acc, signature):
                    acc.readings, acc)
 
 
-def _ever_better(scene, acc, beside, forms, others=None):
-    """Pairs of effects: beside the one in the account `beside` a signature is sought,
-    beside that another, by default a signature again, and so on.
+def _with_last(scene, acc, other):
+    """An account with what was the last to come into another, richer one."""
+    if len(other.signatures) > len(acc.signatures):
+        return _with(scene, acc, other.signatures[-1])
+    return account(scene, acc.bases, [
+        h._replace(effects=(*h.effects, own.effects[-1]))
+        for h, own in zip(acc.hypotheses, other.hypotheses)], acc.signatures,
+        acc.readings, acc)
+
+
+def _ever_better(scene, acc, beside, effects, own):
+    """Pairs of effects: beside the one in the account `beside` any of some effects is
+    sought, beside that one of its `own`, which may be the same again in another form,
+    and so on.
     """
     found, worth, best = (), 0.0, -np.inf
+    forms = all(e.columns for e in own)
     while True:
-        look = further_causes(scene, beside, others if found and others else forms,
-                              False)
+        some = own if found else effects
+        look = further_causes(scene, beside, some, not all(
+            e.columns or e.jumps for e in some))
         if look.account is None:
             return
         other = next(c for c in look.causes if c.found)
+        gain = look.account.log_evidence - beside.log_evidence
+        # a process was sought where no jumps are: beside them it may be worth more
+        log_bayes = other.log_bayes if (other.found[0].effect.columns
+                                        or not beside.member.has_jumps) else gain
         if found:
-            if worth + other.log_bayes < best + EVEN_BETTER:
+            if worth + log_bayes < best + EVEN_BETTER:
                 return
-            best = worth + other.log_bayes
+            best = worth + log_bayes
             yield found + other.found, best, look.account
-            if others:
+            if not forms:
                 return
         # the other alone, less what it takes to seek it
-        sought = look.account.log_evidence - beside.log_evidence - other.log_bayes
-        beside, found = _with(scene, acc, look.account.signatures[-1]), other.found
-        worth = beside.log_evidence - acc.log_evidence - sought
+        beside, found = _with_last(scene, acc, look.account), other.found
+        worth = beside.log_evidence - acc.log_evidence - (gain - log_bayes)
 
 
 class _Form(NamedTuple):

@@ -223,7 +223,7 @@ class _Exchanged(NamedTuple):
 
 
 COMPARABLE = 1e-6    # probability of an effect beside the others, below which it was
-                     # not looked for as when it was found
+                     # not looked for as when it was found, but for evidence against it
 
 
 def _exchanged(full, acc, path, leaves, lesser, effects, shared):
@@ -241,9 +241,11 @@ def _exchanged(full, acc, path, leaves, lesser, effects, shared):
         look = further_causes(scene, less, effects, known=(
             name, acc.log_evidence - less.log_evidence))
         here = sum(c.probability for c in look.causes if c.effect == name)
-        if here < COMPARABLE:
-            continue
         best = next(c for c in look.causes if c.found)
+        if here < COMPARABLE and not (look.account is not None and _net(
+                look.account, best.found[0], full) > _net(acc, path.found[number], full)
+                ):
+            continue
         if look.account is not None and best.probability > here and not shared(
                 best.found[0], look.account, scene):
             kept = here / (here + best.probability)
@@ -264,6 +266,12 @@ def _exchanged(full, acc, path, leaves, lesser, effects, shared):
                     key: one for key, one in leaves.items()
                     if one.names != instead.names}}
     return _Exchanged(acc, lesser, path, leaves)
+
+
+def _net(acc, one, full):
+    """Log evidence of an account with an effect, less what its search gains by chance.
+    """
+    return acc.log_evidence - search_cost(one.effect, full)
 
 
 def _joined(path, cause):
