@@ -45,10 +45,11 @@ def best_pair(scene, acc, causes, effects):
         c.effect in LAWS or jumps and not c.found[0].effect.columns)
         and c.log_bayes > MOST_OF * best.log_bayes]
     for effect in sorted(inside, key=lambda e: e.name not in LAWS)[:STARTS]:
-        beside = further_causes(scene, acc, [effect]).account
-        if beside is not None:
-            pairs += _ever_better(scene, acc, beside, effects if jumps else forms,
-                                  [effect])
+        look = further_causes(scene, acc, [effect])
+        if look.account is not None:
+            pairs += _ever_better(
+                scene, acc, look.account, effects if jumps else forms, [effect],
+                next(c for c in look.causes if c.found))
     return max(pairs, key=lambda pair: pair[1], default=None)
 
 
@@ -68,10 +69,10 @@ def _with_last(scene, acc, other):
         acc.readings, acc)
 
 
-def _ever_better(scene, acc, beside, effects, own):
-    """Pairs of effects: beside the one in the account `beside` any of some effects is
-    sought, beside that one of its `own`, which may be the same again in another form,
-    and so on.
+def _ever_better(scene, acc, beside, effects, own, first=None):
+    """Pairs of effects: beside the one in the account `beside`, which is the cause
+    `first` if that is known well, any of some effects is sought, beside that one of its
+    `own`, which may be the same again in another form, and so on.
     """
     found, worth, best = (), 0.0, -np.inf
     forms = all(e.columns for e in own)
@@ -93,6 +94,9 @@ def _ever_better(scene, acc, beside, effects, own):
             yield found + other.found, best, look.account
             if not forms:
                 return
+        elif first:
+            best = first.log_bayes + log_bayes
+            yield first.found + other.found, best, look.account
         # the other alone, less what it takes to seek it
         beside, found = _with_last(scene, acc, look.account), other.found
         worth = beside.log_evidence - acc.log_evidence - (gain - log_bayes)
