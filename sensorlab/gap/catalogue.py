@@ -466,7 +466,8 @@ def _repeated_in(y):
         return none
     lsb, near = lattice(fresh), np.abs(np.diff(fresh)).mean()
     earlier = [np.abs(y[lag:] - y[:-lag]) for lag in EARLIER]
-    chance = np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / near for d in earlier])
+    chance = np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / near for d in earlier]
+                     ) if lsb else _equal_by_chance(fresh)
     share = count / len(y)
     spans = np.sum(same[1:] & ~same[:-1])
     parts = [part.sum() for part in np.array_split(same, 4)]
@@ -477,6 +478,22 @@ def _repeated_in(y):
         return none
     keep = np.random.default_rng(0).random(len(y)) > chance / count
     return same & keep
+
+
+OFTEN = 0.25    # as often as the difference that is met most
+
+
+def _equal_by_chance(y):
+    """How many neighbours of a record are equal by chance, where parts of it lie on
+    lattices, each on its own: half as many as differ by the least of a lattice.
+    """
+    d = np.abs(np.diff(y))
+    value, times = np.unique(np.round(d / (1e-9 * np.median(d))), return_counts=True)
+    several = (times > 1) & (times > OFTEN * times.max()) & (value > 0.0)
+    if times[times > 1].sum() < MOSTLY * len(d) or not several.any():
+        return 0.0
+    least = value[several].min()
+    return 0.5 * times[several & (value < 1.99 * least)].sum()
 
 
 CONCENTRATED = 0.9    # of a lattice: digits may blur it by a quarter of its spacing
