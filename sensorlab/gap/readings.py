@@ -241,8 +241,10 @@ def _clipped(y, lsb, noise):
         least = 3 if lsb < COARSE * noise else 3 * TAIL
         at_end = y == end
         count = np.sum(at_end)
-        # on no lattice a value does not come again by chance; it may stick once
-        full = not lsb and count >= least and np.sum(np.diff(at_end)) > 3
+        # where others do not come again, none does by chance; it may stick once
+        others = seen[seen != end]
+        full = not lsb and count >= least and np.sum(np.diff(at_end)) > 3 and (
+            2 * len(np.unique(others)) > len(others))
         full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
             lsb > 0.0 and count >= least and (
                 lsb >= COARSE * noise and _piles_up(np.abs(end - seen) / lsb)
