@@ -368,17 +368,15 @@ FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
 
 def _steps(acc, scene):
     """How many steps of a level that moves at random a record shows: each at a few
-    samples, which sample it is need not be known. Where a step may at first be an
-    outlier, as many as the level has on average.
+    samples, which sample it is need not be known. Of small ones, and beside outliers,
+    that is never so clear: half as many as the level has on average are there surely.
     """
-    kinds = {one.effect.jumps and one.name: one for one in acc.member.effects}
-    if "outliers" in kinds:
-        return scene.duration / acc.member.value(
-            acc.theta[None], kinds["random_steps"].key, "dwell")[0]
     second = np.nan_to_num(predict(
         acc.member, scene, acc.signatures, acc.theta[None]).second[0, 0])
     sure = np.convolve(second, np.ones(NEAR), "same") > 0.5
-    return np.sum(sure[1:] & ~sure[:-1]) + sure[0]
+    dwell = next(acc.member.value(acc.theta, one.key, "dwell")
+                 for one in acc.member.effects if one.name == "random_steps")
+    return max(np.sum(sure[1:] & ~sure[:-1]) + sure[0], 0.5 * scene.duration / dwell)
 
 
 def _rests_on_rounding(acc, scene):
