@@ -87,6 +87,9 @@ FINE = 16              # parts of a duration, at least: a longer shape is held a
                        # sums of samples
 KNOTS = np.array([0.0, 0.05, 0.5, 0.95])    # of all onsets, where information is exact
 APART = 3              # durations, from one whose information is exact to the next
+LIKELY_ONSETS = 16     # of what begins at once, of every duration
+SHARPEST = 2           # durations of it, that are looked at still finer, ...
+FINER_ONSETS = 8       # ... by that part of what is summed, or by single samples
 EDGES = 12             # onsets of steps that may be edges of a pulse
 MOST_PEAKS = 4096      # among which they are sought
 
@@ -127,7 +130,7 @@ def span_scan(scene, family, one):
     """Pulses, or slow steps, of any duration, which begin a fourth of it apart at most,
     and rectangular pulses between two likely edges, which are known to a few samples:
     those of steps, and those near the best pulse of each duration; `Scan` after scan,
-    one of each duration.
+    one of each duration. What begins at once is scanned finer where it is likely.
     """
     variants = [variant for variant, _ in family.effect.columns(
         scene, None, (scene.dt, scene.duration))]
@@ -137,7 +140,8 @@ def span_scan(scene, family, one):
     residual = one.residual[0, 1:]
     left = residual[::-1].cumsum()[::-1]
     # a sum of the past is held against the sum of what is left
-    sums, best = {(False, 1): residual, (True, 1): np.append(left[1:], 0.0)}, []
+    sums = {(False, 1): residual, (True, 1): np.append(left[1:], 0.0)}
+    best, at_once = [], []
     for variant in variants:
         shape = SHAPES[variant]
         for n, knots, J in _known(scene, family._replace(variant=variant), one):
@@ -146,25 +150,56 @@ def span_scan(scene, family, one):
                 if (shape.mounts, 2 * half) not in sums:
                     rows = sums[shape.mounts, half]
                     sums[shape.mounts, 2 * half] = rows[:-1:2] + rows[1::2]
-            scan = _span(scene.dt, variant, n, knots, J, sums[shape.mounts, by], left)
+            rows = sums[shape.mounts, by]
+            scan = _span(scene.dt, variant, n, knots, J, rows, left)
             yield scan
+            if shape.falls:
+                fine = _span(scene.dt, variant, n, knots, J, rows, left, n)
+                likely = np.sort(np.argsort(-fine.gain)[:LIKELY_ONSETS])
+                share = np.log(len(scan.gain) / len(fine.gain))
+                yield _finer(fine.gain[likely], *fine.of(likely), share)
+                at_once.append((fine.gain.max(), variant, n, fine.of(
+                    fine.gain.argmax(keepdims=True))[0][0, 0]))
             if variant == RECTANGULAR:
                 ((onset, _),), _ = scan.of(scan.gain.argmax(keepdims=True))
                 best.append((round(onset / scene.dt), n, J.max()))
+    for _, variant, n, onset in sorted(at_once, key=lambda own: -own[0])[:SHARPEST]:
+        yield _about_onset(scene, family._replace(variant=variant), one, onset, n)
     if RECTANGULAR in variants:
         yield from _between_edges(scene, family._replace(variant=RECTANGULAR), one,
                                   best)
 
 
-def _span(dt, variant, n, knots, J, rows, left):
+def _finer(gain, psi, variant, log_share):
+    """`Scan` of signatures, each of which stands for a part of a cell of a grid."""
+    return Scan(np.maximum(gain + 2.0 * log_share, 0.0), 1, lambda number: (
+        psi[number], variant[number]), log_share)
+
+
+def _about_onset(scene, family, one, onset, n):
+    """`Scan`, finer, about a shape of n samples that begins at once."""
+    by = _fineness(n)
+    step = max(by // FINER_ONSETS, 1)
+    onsets = round(onset / scene.dt) + np.arange(-by, by + 1, step)
+    lengths = np.round(n * DURATION_STEP**(np.arange(-1, 2) / 3.0)).astype(int)
+    psi = scene.dt * np.array([(i, k) for i in onsets.tolist()
+                               for k in np.unique(lengths).tolist()
+                               if i > 0 and i + k <= len(scene.y)])
+    gain = scores_at(scene, family, one, list(map(tuple, psi.tolist()))).gain[0]
+    return _finer(gain, psi, np.full(len(psi), family.variant), np.log(
+        step / max(n // PARTS, 1) / len(np.unique(lengths))))
+
+
+def _span(dt, variant, n, knots, J, rows, left, parts=PARTS):
     """`Scan` of a shape of n samples against sums `rows` of as many samples as its
-    fineness, and the sums (N,) of all that is `left`.
+    fineness, and the sums (N,) of all that is `left`; it begins so many `parts` of
+    itself apart.
 
     Between two knots, and beyond the last, the information is taken to be the larger of
     two, so that no gain is too large.
     """
     shape, by = SHAPES[variant], _fineness(n)
-    every = max(n // by // PARTS, 1)
+    every = max(n // by // parts, 1)
     gain = np.empty((len(left) // by - n // by) // every + 1)
     w, rho = map(complex, shape.law(n))
     mean = 1.0 if rho == 1.0 else (1.0 - rho**by) / (1.0 - rho) / by
