@@ -509,6 +509,9 @@ def as_parameter(name, symbol, value, prior):
     return Parameter(symbol, low, high, prior == "log" and low < high)
 
 
+FASTEST = 3.0    # samples: the least correlation time that is looked for by default
+
+
 def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
     """Hypotheses with priors from sample characteristics,
     as Sec. 2 of the paper advises.
@@ -529,7 +532,8 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
         deviation of the difference of neighbours, d, is at least sigma_w, that of the
         record at least sigma_v. From below: white noise of 0.01 d, a walk of d / N per
         sample and a Markov process of d / sqrt(N) are lost in N samples of the rest. A
-        correlation time lies between dt and the whole record.
+        correlation time lies between 3 dt and the whole record: what is faster is white
+        noise behind a low-pass.
 
     Raises
     ------
@@ -543,11 +547,12 @@ def default_hypotheses(y, dt, names=("white_noise", "random_walk", "markov")):
     short = np.sqrt(np.mean(np.diff(seen)**2)) or np.ptp(seen) / len(seen)
     wide = max(np.std(seen), short)
     duration = dt * len(y)
+    tau = min(FASTEST * dt, duration), duration
     bias_sigma = float(np.hypot(np.mean(seen), 3.0 * wide))
     slow = short / np.sqrt(len(y)), 3.0 * wide
     ranges = dict(sigma_v=(0.01 * short, 3.0 * wide),
                   sigma_w=(short / len(y), 1.5 * short),
-                  tau_m=(dt, duration), tau_n=(dt, duration),
+                  tau_m=tau, tau_n=tau,
                   sigma_m=slow, sigma_n=slow)
     ranges["slope"] = Parameter("slope", -10.0 * wide / duration,
                                 10.0 * wide / duration)

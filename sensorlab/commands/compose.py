@@ -1,10 +1,10 @@
 """python -m sensorid identify --compose"""
 
+from sensorid import default_hypotheses
 from sensorlab.commands.progress import progress_line
 from sensorlab.commands.shared import (
     check_outputs, read_each, refuse_unused, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
-from sensorlab.gap.blackbox import components
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import augmented, diagnose
 from sensorlab.gap.effects import Simulator
@@ -27,7 +27,7 @@ def run(options):
                          "diagnose takes several")
     (record,), unit = records, records[0].unit
     with progress_line() as progress:
-        d = diagnose(record.error, record.dt, Simulator(components(
+        d = diagnose(record.error, record.dt, Simulator(default_hypotheses(
             record.error, record.dt)), progress=progress)
     simulator = augmented(d)
     (h,) = simulator.hypotheses

@@ -14,15 +14,6 @@ from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import Scene, Simulator
 
 MOST_RECORDS = 20    # that are described
-SLOW = 3.0           # samples: a Markov process that is faster is white noise behind a
-                     # low-pass, which the next record shows better
-
-
-def components(y, dt):
-    """`default_hypotheses` of a record that is to be described as a sum."""
-    return tuple(h._replace(parameters=tuple(
-        p._replace(low=min(SLOW * p.low, p.high)) if p.symbol == "tau_m" else p
-        for p in h.parameters)) for h in default_hypotheses(y, dt))
 
 
 def simulator_from(records, dt, columns=None):
@@ -45,7 +36,7 @@ def simulator_from(records, dt, columns=None):
         record, of Student's law of the posterior means where there are several.
     """
     records = np.atleast_2d(records)[:MOST_RECORDS]
-    first = diagnose(records[0], dt, components(records[0], dt), columns)
+    first = diagnose(records[0], dt, default_hypotheses(records[0], dt), columns)
     acc = first.final
     samples = [acc.sample]
     for y in records[1:]:

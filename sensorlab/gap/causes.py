@@ -369,14 +369,17 @@ FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
 def _steps(acc, scene):
     """How many steps of a level that moves at random a record shows: each at a few
     samples, which sample it is need not be known. Of small ones, and beside outliers,
-    that is never so clear: half as many as the level has on average are there surely.
+    that is never clear: as many as the level has at least, on average, are there.
     """
     second = np.nan_to_num(predict(
         acc.member, scene, acc.signatures, acc.theta[None]).second[0, 0])
     sure = np.convolve(second, np.ones(NEAR), "same") > 0.5
-    dwell = next(acc.member.value(acc.theta, one.key, "dwell")
-                 for one in acc.member.effects if one.name == "random_steps")
-    return max(np.sum(sure[1:] & ~sure[:-1]) + sure[0], 0.5 * scene.duration / dwell)
+    key = next(one.key for one in acc.member.effects if one.name == "random_steps")
+    log_dwell = np.log(acc.member.value(acc.sample.theta, key, "dwell"))
+    mean = acc.sample.weight @ log_dwell
+    sd = np.sqrt(acc.sample.weight @ (log_dwell - mean)**2)
+    return max(np.sum(sure[1:] & ~sure[:-1]) + sure[0],
+               scene.duration * np.exp(-mean - 2.0 * sd))
 
 
 def _rests_on_rounding(acc, scene):

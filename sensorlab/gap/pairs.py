@@ -50,6 +50,8 @@ def best_pair(scene, acc, causes, effects):
             pairs += _ever_better(
                 scene, acc, look.account, effects if jumps else forms, [effect],
                 next(c for c in look.causes if c.found))
+    if best.effect in LAWS:    # the next look is beside it
+        pairs = [pair for pair in pairs if best.effect not in [f.name for f in pair[0]]]
     return max(pairs, key=lambda pair: pair[1], default=None)
 
 
