@@ -369,17 +369,33 @@ FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
 def _steps(acc, scene):
     """How many steps of a level that moves at random a record shows: each at a few
     samples, which sample it is need not be known. Of small ones, and beside outliers,
-    that is never clear: as many as the level has at least, on average, are there.
+    that is never clear: as many as the level has at least, on average, are there, if
+    each is worth more than what tells when it is; of others no more is known than of a
+    random walk.
     """
     second = np.nan_to_num(predict(
         acc.member, scene, acc.signatures, acc.theta[None]).second[0, 0])
     sure = np.convolve(second, np.ones(NEAR), "same") > 0.5
+    counted = np.sum(sure[1:] & ~sure[:-1]) + sure[0]
     key = next(one.key for one in acc.member.effects if one.name == "random_steps")
-    log_dwell = np.log(acc.member.value(acc.sample.theta, key, "dwell"))
-    mean = acc.sample.weight @ log_dwell
-    sd = np.sqrt(acc.sample.weight @ (log_dwell - mean)**2)
-    return max(np.sum(sure[1:] & ~sure[:-1]) + sure[0],
-               scene.duration * np.exp(-mean - 2.0 * sd))
+    dwell, sigma = (acc.member.value(acc.sample.theta, key, symbol)
+                    for symbol in ("dwell", "sigma"))
+    # nats, of a step between two levels of that length in white noise
+    worth = 0.25 * (sigma / scene.white)**2 * dwell / scene.dt
+    at_least, longest = (np.exp(_bound(acc.sample.weight, np.log(own), sign))
+                         for own, sign in ((worth, -1.0), (dwell, 1.0)))
+    if at_least < np.log(longest / scene.dt) + CLEAR:
+        return counted
+    return max(counted, scene.duration / longest)
+
+
+CLEAR = 3.0    # nats beyond the number of samples where a step may be
+
+
+def _bound(weight, x, sign):
+    """Mean of x (M,) and twice its standard deviation, to one side."""
+    mean = weight @ x
+    return mean + 2.0 * sign * np.sqrt(weight @ (x - mean)**2)
 
 
 def _rests_on_rounding(acc, scene):

@@ -44,15 +44,25 @@ def best_pair(scene, acc, causes, effects):
     inside = [c.found[0].effect for c in others if (
         c.effect in LAWS or jumps and not c.found[0].effect.columns)
         and c.log_bayes > MOST_OF * best.log_bayes]
-    for effect in sorted(inside, key=lambda e: e.name not in LAWS)[:STARTS]:
+
+    def beside(effect):
         look = further_causes(scene, acc, [effect])
-        if look.account is not None:
-            pairs += _ever_better(
-                scene, acc, look.account, effects if jumps else forms, [effect],
-                next(c for c in look.causes if c.found))
+        return [] if look.account is None else _ever_better(
+            scene, acc, look.account, effects if jumps else forms, [effect],
+            next(c for c in look.causes if c.found))
+    for effect in sorted(inside, key=lambda e: e.name not in LAWS)[:STARTS]:
+        pairs += beside(effect)
     if best.effect in LAWS:    # the next look is beside it
         pairs = [pair for pair in pairs if best.effect not in [f.name for f in pair[0]]]
-    return max(pairs, key=lambda pair: pair[1], default=None)
+    pair = max(pairs, key=_worth, default=None)
+    if jumps and pair and pair[1] > best.log_bayes and pair[1] < max(
+            map(_worth, beside(best.found[0].effect)), default=-np.inf):
+        return None    # the next look finds what is better beside the best
+    return pair
+
+
+def _worth(pair):
+    return pair[1]
 
 
 def _with(scene, acc, signature):
