@@ -378,6 +378,33 @@ def test_a_walk_that_the_simulator_lacks_is_named():
     assert abs(mean - 0.1) < 3.0 * sd
 
 
+def test_a_strong_decay_between_two_onsets_of_the_grid_is_no_burst_of_noise():
+    """White noise of what it is, not of what it is with the pulse in it."""
+    rng, t = np.random.default_rng(22), 0.01 * np.arange(3000)
+    pulse = np.where(t > 14.43, np.exp(-6.0 * np.maximum(t - 14.43, 0.0)), 0.0)
+    y = rng.standard_normal(3000) + 15.0 * pulse
+    d = sensorlab.diagnose(y, 0.01, WHITE_OF_A_RANGE)
+    assert d.verdict == "pulse" and d.found[0].variant == "decaying"
+    mean, sd = d.found[0].values["onset"]
+    assert abs(mean - 14.43) < 3.0 * sd
+
+
+def test_a_gap_belongs_to_the_hypothesis_that_it_is_measured_of(monkeypatch):
+    """Where nothing is found, tails of the posterior may make another hypothesis the
+    most probable, of other parameters.
+    """
+    def turned(scene, acc):
+        best = (acc.best + 1) % len(acc.hypotheses)
+        return acc._replace(best=best, theta=acc.samples[best].mean)
+    y = np.random.default_rng(0).standard_normal(600)
+    known = sensorid.default_hypotheses(y, DT)
+    expected = sensorlab.diagnose(y, DT, known)
+    monkeypatch.setattr("sensorlab.gap.diagnosis.with_tails", turned)
+    d = sensorlab.diagnose(y, DT, known)
+    assert d.verdict == expected.verdict == "none"
+    assert d.final.best == expected.final.best
+
+
 def test_a_pulse_is_estimated_beside_what_stays():
     """A first look takes it for correlated noise, which is dropped: a pulse that is
     found beside that is longer than it is.

@@ -13,6 +13,7 @@ from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
 from sensorlab.gap import filters
 from sensorlab.gap.account import fixed
 from sensorlab.gap.catalogue import ZERO, flicker_processes
+from sensorlab.gap.effects import signature_of
 
 
 def shaped(numerator, denominator, lag):
@@ -204,6 +205,15 @@ def test_simulated_signatures_are_what_is_written():
                                        seed=5).error
         assert_allclose(with_effect - plain, np.tile(expected[name], (2, 1)),
                         atol=1e-12, err_msg=name)
+
+
+def test_a_lag_is_less_what_comes_at_once_where_that_is_compensated():
+    T = np.random.default_rng(3).standard_normal(300).cumsum()
+    scene = Scene(np.zeros(300), DT, dict(temperature=T))
+    late, behind = (signature_of(scene, Found(
+        CATALOGUE["thermal_lag"], "temperature", variant, {}), dict(
+            coefficient=0.2, tau=40.0)) for variant in ("lagged value", "lag"))
+    assert_allclose(behind, late - 0.2 * (T - T.mean()), atol=1e-12)
 
 
 def test_simulated_noises_have_the_variance_that_is_written():

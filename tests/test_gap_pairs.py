@@ -65,3 +65,30 @@ def test_gains_of_pairs_are_those_of_least_squares():
             else:
                 fit = np.linalg.lstsq(z[own].T, z[0])[0] @ z[own]
                 assert_allclose(gains[i, k], fit @ fit, rtol=1e-9)
+
+
+def telegraph(rng, dwell, size):
+    """Two levels that change at random."""
+    return size * (np.cumsum(rng.random(N) < DT / dwell) % 2)
+
+
+@pytest.mark.large
+@pytest.mark.parametrize("shape, seed", [("bias_step", 1), ("pulse", 2)])
+def test_a_level_that_jumps_is_found_beside_a_signature(shape, seed):
+    """As a pair, or in the place of a process that had seemed to explain it."""
+    rng = np.random.default_rng(seed)
+    y = rng.standard_normal(N) + telegraph(rng, 5.0, 1.5) + 3.0 * SHAPES[shape]
+    d = sensorlab.diagnose(y, DT, WHITE)
+    assert sorted(d.verdict.split("+")) == sorted([shape, "random_telegraph"])
+
+
+@pytest.mark.large
+def test_small_steps_at_random_are_no_walk_and_no_others():
+    rng = np.random.default_rng(4)
+    at = rng.random(N) < 0.01
+    y = rng.standard_normal(N) + np.cumsum(at * rng.standard_normal(N) * 2.0)
+    d = sensorlab.diagnose(y, DT, WHITE)
+    assert d.verdict == "random_steps"
+    assert sensorlab.diagnose(
+        y + 5.0 * rng.standard_normal(N) * (rng.random(N) < 0.01), DT, WHITE
+    ).verdict in ("random_steps+outliers", "outliers+random_steps")

@@ -184,6 +184,20 @@ def test_samples_that_repeat_at_random_are_read(share, lsb):
         y, DT, sensorlab.augmented(d)).verdict
 
 
+@pytest.mark.parametrize("lsb", [0.03, 0.1, 0.15])
+def test_parts_of_a_record_on_lattices_of_their_own_repeat_nothing(lsb):
+    """Nor do they end at limits: neighbours are equal, and few meet on the last value,
+    by chance.
+    """
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        y = lsb * np.round(rng.standard_normal(4000) / lsb)
+        for moved in (y + np.repeat(rng.uniform(-0.5, 0.5, 10), 400),
+                      y * np.where(np.arange(4000) < 1700, 1.0, 1.3217)):
+            names = {r.found.name for r in readings.readings(Scene(moved, DT, {}))}
+            assert names <= {"quantization"}
+
+
 def test_a_simulator_repeats_samples_at_random_where_no_record_does():
     h = sensorid.hypothesis("white_noise", sigma_v=1.0)
     one = Found(CATALOGUE["repeated_samples"], values=dict(frequency=0.7, phase=None))

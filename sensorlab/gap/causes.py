@@ -569,9 +569,9 @@ def _seen_by_jumps(scene, plain, acc, rivals, signature):
     """The best of the rivals that were sought where something stands in for jumps, a
     signature and a process, where the filter with jumps sees more of it.
     """
-    for directed in True, False:
+    for listed in True, False:
         own = [k for k, one in enumerate(rivals) if not one.effect.jumps
-               and (one.family > 0) == directed and (directed or one.account)]
+               and (one.family > 0) == listed and (listed or one.account)]
         k = max(own, key=lambda k: rivals[k].log_bayes, default=None)
         if k is not None:
             chosen = _account_with(scene, plain, acc, rivals[k], signature)
