@@ -76,9 +76,11 @@ def test_a_line_that_moved_is_no_other_line(known):
 
 @pytest.mark.large
 def test_a_line_that_all_their_records_have_at_one_frequency_is_missed_elsewhere():
+    """And theirs is gone."""
     own = np.array([sensor(np.random.default_rng(k)) for k in range(3)])
     simulator = sensorlab.simulator_from(own, DT)
-    for line, verdict in ((0.9, "none"), (1.0, "sinusoid")):
+    for line, verdict in (
+            (0.9, "none"), (1.0, "sinusoid+wrong_parameter")):
         y = sensor(np.random.default_rng(7), lines=(line,))
         d = sensorlab.diagnose(y, DT, simulator, simulated=own)
         assert d.verdict == verdict
@@ -137,3 +139,20 @@ def test_a_factor_on_all_standard_deviations_is_in_them(monkeypatch):
     assert simulator.effects == ((),)
     (_, p) = simulator.hypotheses[0].parameters
     assert 4.4 < p.low < 4.90333 < p.high < 5.4
+
+
+@pytest.mark.large
+@pytest.mark.parametrize("times, verdict", [(1.0, "none"), (3.0, "wrong_parameter")])
+def test_a_line_of_several_records_has_the_amplitude_that_they_tell(times, verdict):
+    rng, t = np.random.default_rng(3), np.arange(3000)
+
+    def record(amplitude):
+        return rng.standard_normal(3000) + amplitude * np.cos(
+            0.34 * np.pi * t + rng.uniform(-np.pi, np.pi))
+    simulated, y = np.array([record(0.5) for _ in range(4)]), record(0.5 * times)
+    d = sensorlab.diagnose(y, 0.1, sensorlab.simulator_from(simulated, 0.1),
+                           simulated=simulated)
+    assert d.verdict == verdict
+    for one in d.found:
+        assert one.values["parameter"][0] == "sinusoid.amplitude"
+        assert abs(one.values["factor"][0] - times) < 0.3

@@ -8,10 +8,11 @@ import numpy as np
 from scipy.stats import t as student
 
 from sensorid import Parameter, default_hypotheses
-from sensorlab.gap.account import account, fixed
+from sensorlab.gap.account import account, fixed, gaussian
 from sensorlab.gap.catalogue import snapped
 from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import Scene, Simulator
+from sensorlab.gap.filters import solve
 
 MOST_RECORDS = 20    # that are described
 
@@ -33,16 +34,19 @@ def simulator_from(records, dt, columns=None):
     Simulator
         Hypothesis and effects of the first record. A parameter has the range in which
         that of a further record lies with 95 %: of its posterior where there is one
-        record, of Student's law of the posterior means where there are several.
+        record, of Student's law of the posterior means where there are several. So has
+        the amplitude of a line that several records tell; of one, any may be as large.
     """
     records = np.atleast_2d(records)[:MOST_RECORDS]
     first = diagnose(records[0], dt, default_hypotheses(records[0], dt), columns)
     acc = first.final
-    samples = [acc.sample]
+    samples, amplitudes = [acc.sample], [_amplitudes(first.scene, acc)]
     for y in records[1:]:
         scene = Scene(snapped(y), dt, columns or {})
-        samples.append(account(scene, acc.bases[acc.best:acc.best + 1],
-                               [acc.member]).sample)
+        own = account(scene, acc.bases[acc.best:acc.best + 1], [acc.member],
+                      acc.signatures)
+        samples.append(own.sample)
+        amplitudes.append(_amplitudes(scene, own))
     # a factor on all standard deviations is in them
     samples = [s._replace(theta=acc.member.in_units(s.theta)) for s in samples]
     means, sds = [s.mean for s in samples], [s.sd() for s in samples]
@@ -56,11 +60,41 @@ def simulator_from(records, dt, columns=None):
                for one in acc.member.effects]
     effects = [one for one in effects
                if not (one.effect.reading or one.effect.factor)]
-    for s in acc.signatures:    # of a size that may differ from run to run
-        size = s.found.effect.size
+    for s, own in zip(acc.signatures, np.transpose(amplitudes)):
         effects.append(s.found._replace(values={
-            **fixed(**s.found.values), size: Parameter(size, -s.sd, s.sd)}))
+            **fixed(**s.found.values), **_sizes(s, own)}))
     return Simulator((h,), ((*effects, *(r.found for r in acc.readings)),))
+
+
+def _amplitudes(scene, acc):
+    """Sizes of the signatures of an account, of two columns as one."""
+    plain, hypotheses = gaussian(scene, acc)
+    h = hypotheses[acc.best]
+    size = solve(h, plain, acc.signatures, acc.member.matching(h, acc.theta)[None]
+                 ).size[0, 1:]
+    parts = np.split(size, np.cumsum([s.columns.shape[1] for s in acc.signatures])[:-1]
+                     ) if acc.signatures else []
+    return [float(np.linalg.norm(part)) for part in parts]
+
+
+def _sizes(s, amplitudes):
+    """Range of the size of a signature in a further record, from those of some (L,),
+    and of its phase; it differs from run to run.
+    """
+    size, middle = s.found.effect.size, np.mean(amplitudes)
+    if s.found.effect.search == "frequency" and len(amplitudes) > 1:
+        half = _half(amplitudes)
+        if half < middle:
+            return {size: Parameter(size, middle - half, middle + half),
+                    "phase": Parameter("phase", -np.pi, np.pi)}
+    return {size: Parameter(size, -s.sd, s.sd)}
+
+
+def _half(values):
+    """Half of the range in which a further value lies with 95 %, by some (L,)."""
+    L = len(values)
+    return float(student.ppf(0.975, L - 1) * np.sqrt(1.0 + 1.0 / L)
+                 * np.std(values, ddof=1))
 
 
 ROUNDING = 1e-9    # of a number: its range is none
@@ -73,8 +107,7 @@ def _ranges(parameters, means, sds):
         within = np.sqrt(np.mean(sd**2))
         half = 2.0 * within
         if L > 1:    # what the posterior means scatter is of both kinds
-            half = max(half, student.ppf(0.975, L - 1) * np.sqrt(1.0 + 1.0 / L)
-                       * np.std(mean, ddof=1))
+            half = max(half, _half(mean))
         middle = float(np.mean(mean))
         low = max(middle - half, 0.05 * middle) if middle > 0.0 else middle - half
         known = half <= ROUNDING * abs(middle)

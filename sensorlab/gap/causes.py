@@ -571,7 +571,8 @@ def _seen_by_jumps(scene, plain, acc, rivals, signature):
     """
     for listed in True, False:
         own = [k for k, one in enumerate(rivals) if not one.effect.jumps
-               and (one.family > 0) == listed and (listed or one.account)]
+               and (one.family > 0) == listed and (
+                   listed or one.account and one.effect.model)]
         k = max(own, key=lambda k: rivals[k].log_bayes, default=None)
         if k is not None:
             chosen = _account_with(scene, plain, acc, rivals[k], signature)
