@@ -96,7 +96,8 @@ def test_a_long_record_is_cut_and_averaged(folder, capsys):
     np.savez("long.npz", error=y, dt=0.5)
     assert main("identify long.npz --allow-missing --from 100 --to 401 --average 4 "
                 "--hypotheses white_noise --json l.json".split()) == 0
-    assert "150 samples, dt 500 ms; means of 4, dt 2 s" in capsys.readouterr().out
+    assert ("150 samples, dt 500 ms; means of 4, dt 2 s; times are since 100 s"
+            in capsys.readouterr().out)
     (found,) = json.loads(pathlib.Path("l.json").read_text())["hypotheses"]
     sigma = y[200:800].reshape(-1, 4).mean(1).std()
     assert found["parameters"]["sigma_v"]["mean"] == pytest.approx(sigma, rel=0.02)

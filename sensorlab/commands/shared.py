@@ -129,6 +129,8 @@ def _averaged(record, m, part):
     clock = record.clock or f"dt {record.dt:g} s"
     if m > 1:
         clock += f"; means of {m}, dt {m * record.dt:g} s"
+    if part.start:
+        clock += f"; times are since {part.start * record.dt:g} s"
     return record._replace(error=mean(record.error), dt=m * record.dt, clock=clock,
                            columns={name: mean(x)
                                     for name, x in record.columns.items()})
