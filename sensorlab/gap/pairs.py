@@ -29,10 +29,12 @@ MOST_OF = 0.5        # of ln B of the best cause
 EVEN_BETTER = 0.3    # nats that a further round must gain
 
 
-def best_pair(scene, acc, causes, effects):
+def best_pair(scene, acc, causes, effects, describes):
     """(found, ln B, account) of two effects that explain more together than alone: of
     two signatures, of odd samples and a signature, or of any two for which jumps may
     stand in. None if the best of the `causes` of an account is a signature.
+
+    `describes` tells whether the best leaves nothing: jumps that do stand in for none.
     """
     best, *others = [c for c in causes if c.found]
     if best.found[0].effect.columns:
@@ -40,7 +42,8 @@ def best_pair(scene, acc, causes, effects):
     forms, pairs = [e for e in effects if e.columns], []
     for signature in _starts(scene, acc, forms, best.log_bayes):
         pairs += _ever_better(scene, acc, _with(scene, acc, signature), forms, forms)
-    jumps = bool(best.found[0].effect.jumps)
+    jumps = bool(best.found[0].effect.jumps) and not describes()
+    some = [e for e in effects if not e.factor] if jumps else forms
     inside = [c.found[0].effect for c in others if (
         c.effect in LAWS or jumps and not c.found[0].effect.columns)
         and c.log_bayes > MOST_OF * best.log_bayes]
@@ -48,7 +51,7 @@ def best_pair(scene, acc, causes, effects):
     def beside(effect):
         look = further_causes(scene, acc, [effect])
         return [] if look.account is None else _ever_better(
-            scene, acc, look.account, effects if jumps else forms, [effect],
+            scene, acc, look.account, some, [effect],
             next(c for c in look.causes if c.found))
     for effect in sorted(inside, key=lambda e: e.name not in LAWS)[:STARTS]:
         pairs += beside(effect)

@@ -67,7 +67,8 @@ def search(full, start, readings, effects, before, glanced, shared):
                               after.p_value < LOOK_ON or pushes(acc),
                               _by_rounding(full, acc, after.theta) if coarse else None)
         if look.account is not None and not coarse:
-            look = _or_a_pair(scene, acc, look, effects)
+            look = _or_a_pair(scene, acc, look, effects, functools.partial(
+                _describes, glanced, look.account, after))
         others, leaves = leaves, _with_leaves(leaves, path, look)
         found = [c for c in look.causes if c.found]
         left = max([0.0, *(c.log_bayes for c in found)])
@@ -196,11 +197,16 @@ def _sought_again(full, acc, path, one):
         log_bayes=rest.log_bayes + look.account.log_evidence - less.log_evidence)
 
 
-def _or_a_pair(scene, acc, look, effects):
+def _describes(glanced, acc, near):
+    """Does an account leave nothing of a record that stands out?"""
+    return glanced(acc, near).p_value >= LOOK_ON
+
+
+def _or_a_pair(scene, acc, look, effects, describes):
     """A look with the best pair of effects among its causes: a process may follow two
     of them nearly as well as they do, of which neither does alone.
     """
-    pair = best_pair(scene, acc, look.causes, effects)
+    pair = best_pair(scene, acc, look.causes, effects, describes)
     if pair is None:
         return look
     best, (found, log_bayes, together) = next(c for c in look.causes if c.found), pair
@@ -256,6 +262,8 @@ def _exchanged(full, acc, path, leaves, lesser, effects, shared):
                 else c for key, c in before.items() if c.names != new.names
             }, look.prior)
             return _Exchanged(account, lesser, new, leaves)
+        if here < COMPARABLE:
+            continue
         for c in look.causes:
             instead = _joined(rest, c)._replace(
                 probability=leaf.probability * min(c.probability / here, 1.0))
