@@ -31,7 +31,7 @@ def sized(names, nats):
         ("pulse", "temperature"), ("bias_step", "turn_on_transient")))])
 def test_two_signatures_are_not_taken_for_a_walk(names):
     noise = np.random.default_rng(5).standard_normal(N)
-    y = noise + sum(sized(names, 70.0))
+    y = noise + sum(sized(names, 85.0))
     d = sensorlab.diagnose(y, DT, WHITE, dict(temperature=WARM))
     assert sorted(d.verdict.split("+")) == sorted(names)
     walks = [effect for name, effect in sensorlab.CATALOGUE.items()
