@@ -488,10 +488,12 @@ def _equal_by_chance(y):
     lattices, each on its own: half as many as differ by the least of a lattice.
     """
     d = np.abs(np.diff(y))
-    value, times = np.unique(np.round(d / (1e-9 * np.median(d))), return_counts=True)
-    several = (times > 1) & (times > OFTEN * times.max()) & (value > 0.0)
-    if times[times > 1].sum() < MOSTLY * len(d) or not several.any():
+    d = d[d > 0.0]
+    scale = 1e-9 * np.median(d) if len(d) else 1.0
+    value, times = np.unique(np.round(d / scale), return_counts=True)
+    if not len(d) or times[times > 1].sum() < MOSTLY * len(d):
         return 0.0
+    several = times > max(1.0, OFTEN * times.max())
     least = value[several].min()
     return 0.5 * times[several & (value < 1.99 * least)].sum()
 

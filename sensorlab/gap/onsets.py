@@ -181,13 +181,13 @@ def _about_onset(scene, family, one, onset, n):
     by = _fineness(n)
     step = max(by // FINER_ONSETS, 1)
     onsets = round(onset / scene.dt) + np.arange(-by, by + 1, step)
-    lengths = np.round(n * DURATION_STEP**(np.arange(-1, 2) / 3.0)).astype(int)
-    psi = scene.dt * np.array([(i, k) for i in onsets.tolist()
-                               for k in np.unique(lengths).tolist()
-                               if i > 0 and i + k <= len(scene.y)])
+    lengths = np.unique(np.round(n * DURATION_STEP**(np.arange(-1, 2) / 3.0)).clip(
+        min(SHAPES[family.variant].least, n), max(len(scene.y) // 2, n)).astype(int))
+    psi = scene.dt * np.array([(i, k) for i in onsets.tolist() for k in lengths.tolist()
+                               if 0 < i and i + k <= len(scene.y)])
     gain = scores_at(scene, family, one, list(map(tuple, psi.tolist()))).gain[0]
     return _finer(gain, psi, np.full(len(psi), family.variant), np.log(
-        step / max(n // PARTS, 1) / len(np.unique(lengths))))
+        step / max(n // PARTS, 1) / len(lengths)))
 
 
 def _span(dt, variant, n, knots, J, rows, left, parts=PARTS):
