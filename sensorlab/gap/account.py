@@ -11,7 +11,7 @@ from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.catalogue import beside, join
 from sensorlab.gap.effects import Effect, Found, Simulator, known_values, signature_of
 from sensorlab.gap.evidence import effort, integrate, log_sum, onset_law
-from sensorlab.gap.filters import estimated, log_likelihoods, predict
+from sensorlab.gap.filters import estimated, log_likelihoods, predict, solve
 from sensorlab.gap.mixtures import smoothed
 from sensorlab.gap.screens import LAWS, STRENGTHS, change_of_drive, usual_variance
 from sensorlab.gap.spectra import posterior_law
@@ -428,6 +428,15 @@ def with_sizes(acc, scene, thetas):
     at = np.array([acc.member.matching(plain, theta) for theta in thetas])
     return [_sized(acc.signatures, iter(sizes)) for sizes in estimated(
         plain, masked, acc.signatures, at).size[0]]
+
+
+def solved_by(acc, scene):
+    """`Solved` of the most probable hypothesis of an account, at its theta; of what
+    stands in for jumps, where it has some.
+    """
+    plain, hypotheses = gaussian(scene, acc)
+    h = hypotheses[acc.best]
+    return solve(h, plain, acc.signatures, acc.member.matching(h, acc.theta)[None])
 
 
 def bias_of(acc, scene):

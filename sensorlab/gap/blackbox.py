@@ -8,11 +8,10 @@ import numpy as np
 from scipy.stats import t as student
 
 from sensorid import Parameter, default_hypotheses
-from sensorlab.gap.account import account, fixed, gaussian
+from sensorlab.gap.account import account, fixed, solved_by
 from sensorlab.gap.catalogue import snapped
 from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import Scene, Simulator
-from sensorlab.gap.filters import solve
 
 MOST_RECORDS = 20    # that are described
 
@@ -68,10 +67,7 @@ def simulator_from(records, dt, columns=None):
 
 def _amplitudes(scene, acc):
     """Sizes of the signatures of an account, of two columns as one."""
-    plain, hypotheses = gaussian(scene, acc)
-    h = hypotheses[acc.best]
-    size = solve(h, plain, acc.signatures, acc.member.matching(h, acc.theta)[None]
-                 ).size[0, 1:]
+    size = solved_by(acc, scene).size[0, 1:]
     parts = np.split(size, np.cumsum([s.columns.shape[1] for s in acc.signatures])[:-1]
                      ) if acc.signatures else []
     return [float(np.linalg.norm(part)) for part in parts]

@@ -9,12 +9,12 @@ from scipy.special import ive, logsumexp, ndtr
 from sensorid import at_quantiles, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.account import (
     Account, account, evidence_error, fixed, for_processes, for_signatures, gaussian,
-    guesses_from, mean_evidence)
+    guesses_from, mean_evidence, solved_by)
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
-from sensorlab.gap.filters import filter_of, log_likelihoods, predict, solve
+from sensorlab.gap.filters import filter_of, log_likelihoods, predict
 from sensorlab.gap.readings import NOISY, as_read, less_rounding
 from sensorlab.gap.screens import (
     FEW, LITTLE, SCREENS, change_of_drive, change_of_level, screened, usual_variance)
@@ -603,9 +603,7 @@ def estimated_together(full, acc, path):
         return path
     result, at = [], len(acc.signatures) - sum(
         bool(one.effect.columns) for one in path.found)
-    plain, hypotheses = gaussian(as_read(full, acc.readings), acc)
-    theta = acc.member.matching(hypotheses[acc.best], acc.theta)[None]
-    solved = solve(hypotheses[acc.best], plain, acc.signatures, theta)
+    solved = solved_by(acc, as_read(full, acc.readings))
     ends = 1 + np.cumsum([0, *(s.columns.shape[1] for s in acc.signatures)])
     for number, one in enumerate(path.found):
         if one.effect.columns:
@@ -737,10 +735,7 @@ def _with_wrong_sizes(scene, acc, effect):
     for number, s in enumerate(acc.signatures):
         if not s.is_held:
             continue
-        plain, hypotheses = gaussian(scene, acc)
-        h = hypotheses[acc.best]
-        solved = solve(h, plain, acc.signatures,
-                       acc.member.matching(h, acc.theta)[None])
+        solved = solved_by(acc, scene)
         first = 1 + sum(other.columns.shape[1] for other in acc.signatures[:number])
         own = slice(first, first + 2)
         # less what the prior of the filter says
