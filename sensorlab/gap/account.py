@@ -283,6 +283,14 @@ LEVEL_AS_NOISE = Effect("level_as_noise", model=_level_as_noise, elementwise=Tru
 STEPS_AS_WALK = Effect("steps_as_walk", model=_steps_as_walk, elementwise=True)
 
 
+def _louder(share):
+    """The effect of a noise that is there with a probability (N,)."""
+    always, on_average = (functools.partial(_louder_at_times, share=part)
+                          for part in (share, share.mean()))
+    return Effect("louder_at_times", model=always, on_average=on_average,
+                  elementwise=True, comes_last=True)
+
+
 def gaussian(scene, acc):
     """Scene and hypotheses without jumps: sure outliers are masked, a level of two
     values becomes the Markov process of its covariance, steps become a walk, bursts a
@@ -293,9 +301,7 @@ def gaussian(scene, acc):
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     masked = scene._replace(y=np.where(seen.odd[0, 0] > 0.5, np.nan, scene.y))
     plain, own = [], acc.member.jumps(acc.theta[None])
-    louder = Effect(
-        "louder_at_times", elementwise=True, comes_last=True, model=functools.partial(
-            _louder_at_times, share=_on_second(seen, own))) if own.louder[0] else None
+    louder = _louder(_on_second(seen, own)) if own.louder[0] else None
     for h in acc.hypotheses:    # one that cannot be may not know what jumps
         effects = tuple(one for one in h.effects if not one.effect.jumps)
         if own.half[0] > 0.0:

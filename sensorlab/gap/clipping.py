@@ -5,7 +5,7 @@ import functools
 import numpy as np
 from numba import njit
 
-from sensorlab.gap.kernels import KERNEL
+from sensorlab.gap.kernels import KERNEL, row_products
 
 ORDER = 16       # of the autoregressive process that a record is taken for
 SWEEPS = 30      # over all clipped samples, each with a process fitted anew
@@ -42,7 +42,7 @@ def _unclipped(y, low, high):
     limit = np.where(side > 0, high, low)[at] - middle
     for seed in range(SWEEPS):
         rows = np.lib.stride_tricks.sliding_window_view(x, ORDER + 1)[:, ::-1]
-        gram = rows.T @ rows
+        gram = row_products(rows.T, rows.T)
         a = np.linalg.lstsq(gram[1:, 1:], gram[1:, 0])[0]
         c = np.append(1.0, -a)
         variance = max(c @ gram @ c, SMALLEST * gram[0, 0]) / len(rows)

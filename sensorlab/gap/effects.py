@@ -101,6 +101,8 @@ class Effect(NamedTuple):
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
     comes_last: bool = False    # the model alters what all others make, as that of a
                                 # reading does
+    on_average: Callable = None    # the model with white noise of the mean variance,
+                                # where it makes some that changes
     drive: Callable = None      # (scene, **parameters) -> sample from which on what
                                 # drives some states is so many times as strong, and how
                                 # many; the model says the same
@@ -291,6 +293,14 @@ class Member(NamedTuple):
         return less, theta[:, [self.keys.index(key) for key in less.keys]]
 
     @property
+    def on_average(self):
+        """The same with white noise that changes as on average, where effects tell how.
+        """
+        return self._replace(effects=tuple(
+            one._replace(effect=one.effect._replace(model=one.effect.on_average))
+            if one.effect.on_average else one for one in self.effects))
+
+    @property
     def elementwise(self):
         """Does `filter` take all nodes at once?"""
         return self.hypothesis.elementwise and all(
@@ -468,7 +478,7 @@ def signature_of(scene, one, value):
     if columns.shape[1] == 2:
         phase = value.get("phase", 0.0)
         size = size * [np.cos(phase), -np.sin(phase)]
-    return columns @ size
+    return np.einsum("nk, k -> n", columns, size)    # no threads that spin
 
 
 def psi_of(scene, effect, values):

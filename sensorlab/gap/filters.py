@@ -63,6 +63,7 @@ def processes(h, scene, theta):
     have the covariance of such a sum; driven, and in white noise, as on average over
     the record.
     """
+    h = h.on_average
     return Modes(*map(np.concatenate, zip(*(
         _on_average(h, scene, part) for part in in_parts(h, scene, theta)))))
 
@@ -305,7 +306,7 @@ def _through_mixtures(h, own, H, theta, y, out):
 class Filter(NamedTuple):
     """A filter without jumps at one node: all of it that no record changes."""
 
-    H: np.ndarray            # (N, n) what observes the states
+    H: np.ndarray            # (N or 1, n) what observes the states
     turned: np.ndarray       # (2, n) their factors, as in `Parts`
     pair: np.ndarray         # (n,)
     gain: np.ndarray         # (N, n) by which an innovation moves them; 0 in a gap
@@ -322,8 +323,9 @@ class Filter(NamedTuple):
     def cut(self, first, last):
         """The same of the samples from the first to the last."""
         own = slice(first, last)
-        return self._replace(H=self.H[own], gain=self.gain[own],
-                             per_sigma=self.per_sigma[own], gap=self.gap[own])
+        return self._replace(H=self.H[own] if len(self.H) > 1 else self.H,
+                             gain=self.gain[own], per_sigma=self.per_sigma[own],
+                             gap=self.gap[own])
 
     def whitened(self, y):
         """Normal scores (R, N) of records with the same gaps; they are linear."""
@@ -345,8 +347,9 @@ def filter_of(h, scene, signatures, theta, gap):
 
 
 def _filter_at(own, H, node, gap):
-    """`Filter` of one node of `Parts`."""
-    gain, f, states = np.empty(H.shape), np.empty(len(H)), own.own[:, node].copy()
+    """`Filter` of one node of `Parts`, which H (N or 1, n) observes."""
+    gain, f, states = np.empty((len(gap), H.shape[1])), np.empty(len(gap)), own.own[
+        :, node].copy()
     plain_gains(H, states, own.pair, own.later[node:node + 1], own.r[node], gap, gain,
                 f)
     return Filter(H, states[:2], own.pair, gain, 1.0 / np.sqrt(f), gap)
@@ -544,18 +547,18 @@ def summed(b, parts, rows, pairs):
     if not len(parts.later):
         return next(filter_bank(b, rows, [rows.shape[1]], pairs))
     (C, N), M = rows.shape, len(parts.r)
-    gap, H = np.isnan(rows[0]), np.tile(parts.h, (rows.shape[1], 1))
+    gap = np.isnan(rows[0])
     rows = np.vstack([rows, np.where(gap, np.nan, 1.0)])
     result = Sums(N - gap.sum(), *np.empty((2, C, M)), *np.empty((2, M)),
                   np.empty((len(pairs or ()), M)))
     for k in range(M):
-        one = _filter_at(parts, H, k, gap)
+        one = _filter_at(parts, parts.h[None], k, gap)
         z = np.where(gap, 0.0, one.whitened(rows))
         result.chi2[:, k] = (z[:-1]**2).sum(1)
-        result.score[:, k] = z[:-1] @ z[-1]
-        result.information[k] = z[-1] @ z[-1]
+        result.score[:, k] = row_products(z[:-1], z[-1:])[:, 0]
+        result.information[k] = dot(z[-1], z[-1])
         result.log_det[k] = one.log_f[~gap].sum()
-        result.products[:, k] = [z[i] @ z[j] for i, j in pairs or ()]
+        result.products[:, k] = [dot(z[i], z[j]) for i, j in pairs or ()]
     return result
 
 
@@ -578,7 +581,7 @@ class Solved(NamedTuple):
     spectra: tuple         # pairs of a share of the record, (M,), and the `Modes` there
     bank: Bank             # of the hypothesis, its states driven evenly
     parts: Parts
-    filter: Filter = None  # of the only node, if its gains never settle
+    filter: Filter = None  # of the only node, beside which the bank is slow
 
     __repr__ = brief
 
@@ -595,9 +598,9 @@ class Solved(NamedTuple):
     def for_scans(self, gap):
         """The same, of one node, with what many columns of a scan have in common."""
         p = self.parts
-        if not len(p.later) and np.count_nonzero(np.diff(p.r[0])) < 2:
-            return self    # gains settle
-        return self._replace(filter=_filter_at(p, np.tile(p.h, (len(gap), 1)), 0, gap))
+        if len(p.pair) == 1 and p.r.shape[1] == 1 and not len(p.later):
+            return self    # the bank of one state is quicker
+        return self._replace(filter=_filter_at(p, p.h[None], 0, gap))
 
 
 def solve(h, scene, signatures, theta):

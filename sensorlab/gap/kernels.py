@@ -209,10 +209,10 @@ def plain_gains(H, own, pair, later, r, gap, gain, f):
     """Of a filter without jumps what no record changes, in place: gain (N, n), by which
     the innovation of a sample moves the states, and its variance f (N,).
 
-    H (N, n) observes n states; own (8, n), pair (n,), later (0 or 1,) and r (1 or N,)
-    are the parts of one node; nothing is seen in a gap (N,).
+    H (N or 1, n) observes n states; own (8, n), pair (n,), later (0 or 1,) and r (1 or
+    N,) are the parts of one node; nothing is seen in a gap (N,).
     """
-    (N, n), q, c = H.shape, own[2], own[3]
+    (N, n), q, c = gain.shape, own[2], own[3]
     turned, P = own[:2].copy().reshape(2, n, 1), np.zeros((n, n, 1))
     for s in range(n):
         P[s, s, 0] = own[4, s]
@@ -222,18 +222,19 @@ def plain_gains(H, own, pair, later, r, gap, gain, f):
     for i in range(N):
         if len(later) and i == later[0]:
             q, c = own[6], own[7]
+        h = H[min(i, len(H) - 1)]
         turn_covariance(turned, pair, P)
         for s in range(n):
             P[s, s, 0] += q[s]
-            Ph[s] = H[i, s] * P[s, s, 0]
+            Ph[s] = h[s] * P[s, s, 0]
             if pair[s] < s:
                 P[s, pair[s], 0] += c[s]
             for t in range(s):
-                Ph[s] += H[i, t] * P[s, t, 0]
-                Ph[t] += H[i, s] * P[s, t, 0]
+                Ph[s] += h[t] * P[s, t, 0]
+                Ph[t] += h[s] * P[s, t, 0]
         total = r[min(i, len(r) - 1)]
         for s in range(n):
-            total += H[i, s] * Ph[s]
+            total += h[s] * Ph[s]
         largest, blind = max(largest, total), gap[i]
         if total <= 0.0:    # next to no noise: P is rounding, and teaches nothing
             total, blind = ROUNDING * largest, True
@@ -261,13 +262,13 @@ def whiten(y, H, turned, pair, gain, per_sigma):
 @njit(**KERNEL)
 def _whiten_one(y, H, turned, pair, gain, per_sigma, z):
     """`whiten` of one record, without the cost of lanes."""
-    (N, n), (a, b) = H.shape, turned
+    (N, n), (a, b) = gain.shape, turned
     x = np.zeros(n)
     for i in range(N):
-        nu = y[i]
+        nu, h = y[i], H[min(i, len(H) - 1)]
         _turn_one(a, b, pair, x)
         for s in range(n):
-            nu -= H[i, s] * x[s]
+            nu -= h[s] * x[s]
         if not np.isnan(nu):
             for s in range(n):
                 x[s] += gain[i, s] * nu
@@ -287,15 +288,15 @@ def _whiten_groups(first, last, lanes, y, H, turned, pair, gain, per_sigma, z):
             turn(parts, pair, x)
             for g in range(number):
                 nu[g] = y[begin + g, i]
-            for s in range(n):
-                for g in range(len(nu)):
-                    nu[g] -= H[i, s] * x[s, g]
+            observe_state(H[min(i, len(H) - 1)], x, nu)
             if not np.isnan(y[begin, i]):
                 for s in range(n):
                     for g in range(len(nu)):
                         x[s, g] += gain[i, s] * nu[g]
             for g in range(number):
                 z[begin + g, i] = nu[g] * per_sigma[i]
+            if i % DUSTED == 0:
+                _without_dust(x.ravel())
 
 
 @njit(**JIT)
@@ -330,11 +331,11 @@ def _whiten_one_back(u, first, H, turned, pair, gain, per_sigma, result):
     n, a, b = H.shape[1], turned[0], turned[1][pair]    # of Phi'
     x = np.zeros(n)
     for i in range(first + len(u) - 1, first - 1, -1):
-        nu = u[i - first] * per_sigma[i]
+        nu, h = u[i - first] * per_sigma[i], H[min(i, len(H) - 1)]
         for s in range(n):
             nu += gain[i, s] * x[s]
         for s in range(n):
-            x[s] -= H[i, s] * nu
+            x[s] -= h[s] * nu
         _turn_one(a, b, pair, x)
         result[i - first] = nu
 
@@ -357,12 +358,15 @@ def _whiten_groups_back(begin, end, lanes, u, first, H, turned, pair, gain, per_
             for s in range(n):
                 for g in range(len(nu)):
                     nu[g] += gain[i, s] * x[s, g]
+            h = H[min(i, len(H) - 1)]
             for s in range(n):
                 for g in range(len(nu)):
-                    x[s, g] -= H[i, s] * nu[g]
+                    x[s, g] -= h[s] * nu[g]
             turn(parts, pair, x)
             for g in range(number):
                 result[row + g, i - first] = nu[g]
+            if i % DUSTED == 0:
+                _without_dust(x.ravel())
 
 
 @njit(**JIT)
@@ -443,7 +447,7 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
             _go_there(y[:, begin:begin + count], observed[begin:begin + count], noise,
                       h, own, node, later, begin, parts, there_of, pair, P, x, K,
                       weight, gain)
-            _without_dust(x)
+            _without_dust(x.ravel())
             if there:
                 for i in range(count):
                     for g in range(lanes):
@@ -455,7 +459,7 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
                 continue
             _go_back(count, shifted, back, back_of, to_itself, K, weight, gain, R, D,
                      shocks)
-            _without_dust(R)
+            _without_dust(R.ravel())
             for g in range(min(lanes, M - group * lanes)):
                 for i in range(count):
                     steps[node[g], begin + i] = shocks[i, g]
@@ -473,14 +477,15 @@ def _copy(source, target):
                 target[i, j, g] = source[i, j, g]
 
 
+DUSTED = 64    # samples after which that is asked again
+
+
 @njit(**JIT)
 def _without_dust(x):
-    """States (n, C, lanes) that have nearly decayed are 0: see `sensorid.DUST`."""
-    for c in range(x.shape[0]):
-        for s in range(x.shape[1]):
-            for g in range(x.shape[2]):
-                if abs(x[c, s, g]) < DUST:
-                    x[c, s, g] = 0.0
+    """Numbers of states (.,) that have nearly decayed are 0: see `sensorid.DUST`."""
+    for k in range(len(x)):
+        if abs(x[k]) < DUST:
+            x[k] = 0.0
 
 
 @njit(**JIT)

@@ -14,6 +14,7 @@ from sensorlab.gap.account import account, gaussian
 from sensorlab.gap.causes import further_causes
 from sensorlab.gap.effects import Found
 from sensorlab.gap.filters import Signature, filter_of
+from sensorlab.gap.kernels import row_products
 from sensorlab.gap.screens import LAWS
 from sensorlab.gap.signatures import Family, columns_at, families
 
@@ -151,7 +152,7 @@ def _starts(scene, acc, forms, least):
     if not listed:
         return
     z = np.vstack(z)
-    J = z @ z.T
+    J = row_products(z, z)
     first, last, cost = np.array([(f.first, f.last, f.cost) for f in listed]).T
     first, last = first.astype(int), last.astype(int)
     worth = 0.5 * _gains(J, first, last) - cost[:, None] - cost

@@ -308,9 +308,10 @@ def information(scene, columns, solved):
     own, gap = rows[:, first:last], np.isnan(scene.y[first:last])
     own = np.where(gap, np.nan, own) if gap.any() else np.ascontiguousarray(own)
     if solved.filter:
-        z = np.nan_to_num(solved.filter.cut(first, last).whitened(own))
+        z = solved.filter.cut(first, last).whitened(own)
+        z[:, gap] = 0.0
         z = z.reshape(m, k, -1)
-        squares = (z @ z.swapaxes(1, 2))[None]
+        squares = np.einsum("mkn,mln->mkl", z, z)[None]    # no threads that spin
     else:
         sums = summed(*cut(solved.bank, solved.parts, first, last), own, [
             (i, i + 1) for i in range(0, m * k, 2)] if k == 2 else ())
