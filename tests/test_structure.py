@@ -50,7 +50,7 @@ def test_a_section_calls_only_sections_above_it(end):
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
              # folder
     "sensorlab/gap": ["costs", "effects", "catalogue", "kernels", "unrolled",
-                      "mixtures", "filters", "evidence", "screens", "spectra",
+                      "steps", "mixtures", "filters", "evidence", "screens", "spectra",
                       "signatures", "onsets", "scans", "clipping", "readings",
                       "account", "directed", "causes", "pairs", "probes", "places",
                       "distance", "closure", "drift", "twins", "flexible", "search",

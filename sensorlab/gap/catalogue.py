@@ -474,7 +474,8 @@ def _repeated_in(y):
     if (count < MOSTLY_NEW * chance or noise_where_calm(fresh) < SMOOTH_OVER * lsb
             or count * np.log(count / max(chance, 1e-9)) < count - chance + CERTAIN
             or spans < 0.5 * count * (1.0 - share) or min(parts) < count / 16
-            or not lsb and (lattice(y[same]) or lattice_between(fresh))):
+            or not lsb and (lattice(y[same]) or lattice_between(fresh)
+                            or len(np.unique(y[same])) < FEWEST)):    # a dead zone
         return none
     keep = np.random.default_rng(0).random(len(y)) > chance / count
     return same & keep
@@ -694,7 +695,7 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="look for what changed at the onset: a load, a heater"),
     Effect("ringing", columns=_ringing, search="waves", size="amplitude",
            parameters=lambda s: (
-               _onset(s), _log("duration", MIN_RINGING * s.dt, s.duration / 8.0),
+               _onset(s), _log("duration", MIN_RINGING * s.dt, s.duration / 2.0),
                Parameter("frequency", MIN_CYCLES / s.duration, 0.5 / s.dt)),
            equation="y + amplitude exp(-3 s) cos(2 pi frequency (t - onset) + phase), "
                     "s = (t - onset) / duration > 0; onset and duration in s, "

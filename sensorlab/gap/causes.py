@@ -362,7 +362,6 @@ def _told_by_spectra(effect, scene, acc):
                          ) - acc.log_evidence
 
 
-NEAR = 5            # samples in which a step is seen
 FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
 
 
@@ -373,9 +372,8 @@ def _steps(acc, scene):
     each is worth more than what tells when it is; of others no more is known than of a
     random walk.
     """
-    second = np.nan_to_num(predict(
-        acc.member, scene, acc.signatures, acc.theta[None]).second[0, 0])
-    sure = np.convolve(second, np.ones(NEAR), "same") > 0.5
+    sure = predict(acc.member, scene, acc.signatures, acc.theta[None]
+                   ).second[0, 0] > 0.5
     counted = np.sum(sure[1:] & ~sure[:-1]) + sure[0]
     key = next(one.key for one in acc.member.effects if one.name == "random_steps")
     dwell, sigma = (acc.member.value(acc.sample.theta, key, symbol)

@@ -41,7 +41,8 @@ class Predicted(NamedTuple):
     z: np.ndarray                 # (R, M, N) normal scores of the samples
     odd: np.ndarray               # (R, M, N) probability of an outlier
     log_score: np.ndarray         # (R, M, N) ln of the predictive density
-    second: np.ndarray = None     # (R, M, N) probability of the second level
+    second: np.ndarray = None     # (R, M, N) probability of the second level, or that
+                                  # a step was some 15 samples ago at most
 
     __repr__ = brief
 

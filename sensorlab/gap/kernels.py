@@ -21,6 +21,7 @@ longer to compile than most kernels.
 """
 
 import functools
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 
@@ -575,6 +576,33 @@ def _go_back(N, h, back, of_columns, pair, K, weight, gain, R, D, steps):
                                    - h[s] * kD[t, g])
         for g in range(lanes):
             steps[i, g] = D[n, n, g]
+
+
+WHOLE = 1.5 * 2.0**52    # a number that is added to it is rounded to the last bit
+PER_LN_2 = 1.0 / math.log(2.0)
+LN_2 = 0.6931471803691238, 1.9082149292705877e-10    # in two parts, the first short
+
+
+@njit(**JIT)
+def exponentials(x, power, bits):
+    """exp of x (lanes,) up to 0 in place, to 1e-15 of it, below -708 as there: that of
+    a library takes one number at a time. Powers of two are made in `power` (lanes,), of
+    which `bits` are whole numbers in the same place.
+    """
+    for g in range(len(x)):
+        x[g] = x[g] if x[g] > -708.0 else -708.0    # of `max` there are no vectors
+        power[g] = x[g] * PER_LN_2 + WHOLE
+    for g in range(len(x)):
+        n = power[g] - WHOLE
+        r = (x[g] - n * LN_2[0]) - n * LN_2[1]
+        high = 1 / 5040 + r * (1 / 40320 + r * (1 / 362880 + r * (1 / 3628800 + r * (
+            1 / 39916800 + r * (1 / 479001600 + r * (1 / 6227020800))))))
+        x[g] = 1.0 + r * (1.0 + r * (1 / 2 + r * (1 / 6 + r * (1 / 24 + r * (
+            1 / 120 + r * (1 / 720 + r * high))))))
+    for g in range(len(x)):
+        bits[g] = (bits[g] + 1023) << 52    # 2^n
+    for g in range(len(x)):
+        x[g] *= power[g]
 
 
 def row_products(rows, columns):

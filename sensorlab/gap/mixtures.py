@@ -1,61 +1,67 @@
 """Mixture filters: of records with outliers, and with a level, of the value or of the
-noise, that is one of two or steps at random.
+noise, that is one of two.
 
 Lanes, and the steps of every recursion, are those of `kernels`.
 """
-
-import math
 
 import numpy as np
 from numba import njit
 
 from sensorid import JIT, LOG_2PI
 from sensorlab.gap.kernels import (
-    KERNEL, LANES, drive, groups, in_threads, lanes_for, load, observe_covariance,
-    observe_state, turn, turn_covariance, update_covariance, update_state)
+    KERNEL, LANES, drive, exponentials, groups, in_threads, lanes_for, load,
+    observe_covariance, observe_state, turn, turn_covariance, update_covariance,
+    update_state)
+from sensorlab.gap.steps import filter_steps
 from sensorlab.gap.unrolled import (
     UNROLLED, UNROLLED_LEVELS, filter_levels, filter_outliers, lanes_of_group,
     odd_and_log_score, probabilities_beside)
 
 
 def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
-    """Log-likelihoods (R, M) of records under filters with outliers and two levels.
+    """Log-likelihoods (R, M) of records under filters with outliers and two levels, or
+    a level that steps.
 
     y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), later (M or 0,) and
     r (M, 1 or N) are the parts of `filters.Parts`; outlier (M, 2) = rate,
     variance; jump (M, 5) = probabilities that the second level begins and that it ends,
-    half the distance of the levels, variances that the second adds to the noise and to
-    the state number `moved` (all 0: one level). out (R, K, 0, 2 or 5, N) gets of every
-    sample, by the first K nodes, the predictive probabilities below and above it, that
-    of its being an outlier, its log density and the probability of the second level;
-    where nothing jumps, its normal score in place of the first.
+    half the distance of the levels, variance that the second adds to the noise, and
+    that of a step, which then begins, of the state number `moved` (the last three 0:
+    one level). out (R, K, 0, 2 or 5, N) gets of every sample, by the first K nodes, the
+    predictive probabilities below and above it, that of its being an outlier, its log
+    density and the probability of the second level, or of a recent step; where nothing
+    jumps, its normal score in place of the first.
 
     One Gaussian per level is kept: after each sample, the two that have led to a level
     are merged (generalized pseudo-Bayes of second order; Chang and Athans, "State
     estimation for discrete systems with switching parameters", IEEE Trans. Aerosp.
-    Electron. Syst. 14, 1978).
+    Electron. Syst. 14, 1978). Of steps, see `steps`.
     """
     total = np.empty((len(y), own.shape[1]))
-    levels = 2 if jump[:, 2:].max() > 0.0 else 1
+    levels = 2 if jump[:, 2:4].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
     n, away, some = len(pair), abs(pair - np.arange(len(pair))).max(), groups(
         total.size, LANES)
-    if (levels, kinds) == (1, 2) and n <= UNROLLED and not len(later) and not away:
+    if jump[:, 4].any():
+        lanes = lanes_for(total.size, 2 * LANES)    # of every age
+        in_threads(filter_steps, groups(total.size, lanes), lanes, kinds, y, H, own,
+                   pair, later, r, outlier, jump, moved, out, total)
+    elif (levels, kinds) == (1, 2) and n <= UNROLLED and not len(later) and not away:
         in_threads(filter_outliers, some, (0,) * n, y, H, own, r, outlier, out, total)
     elif (levels, kinds) == (2, 1) and n <= UNROLLED_LEVELS and not len(
             later) and away < 2:
         in_threads(filter_levels, some, (0,) * n, () if away else None, y, H, own, pair,
-                   r, jump, moved, out, total)
+                   r, jump, out, total)
     else:
         lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
         in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y,
-                   H, own, pair, later, r, outlier, jump, out, total, moved)
+                   H, own, pair, later, r, outlier, jump, out, total)
     return total
 
 
 @njit(**KERNEL)
 def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, r,
-                     outlier, jump, out, total, moved):
+                     outlier, jump, out, total):
     """Groups of `mixture_filters`. The second level has lanes of its own, after those
     of the first; so has every path from one level to one: those to the first, from
     either, then those to the second.
@@ -65,9 +71,9 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
     for group in range(first, last):
         record, nodes, number, tell = lanes_of_group(group, lanes, M, out)
         node = np.empty(of_level, np.int64)
-        rate, wider, chance, offset, louder, step = (
+        rate, wider, chance, offset, louder = (
             np.empty(of_path), np.empty(of_path), np.ones(of_path), np.zeros(of_path),
-            np.zeros(of_path), np.zeros(of_path))
+            np.zeros(of_path))
         weight = np.ones(of_level)
         for g in range(of_path):
             at = node[g % of_level] = nodes[g % lanes]
@@ -77,8 +83,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                 chance[g] = change[start] if to != start else 1.0 - change[start]
                 weight[g % of_level] = change[1 - start] / (
                     change[0] + change[1])    # as long after it began
-                offset[g], louder[g], step[g] = (2 * to - 1) * change[2], (
-                    to * change[3]), to * change[4]
+                offset[g], louder[g] = (2 * to - 1) * change[2], to * change[3]
         parts, P = np.empty((6, n, of_level)), np.empty((n, n, of_level))
         load(own, pair, node, parts, P)
         x, Ph, nu, f, noise = (np.zeros((n, of_level)), np.empty((n, of_level)),
@@ -97,28 +102,26 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
         bits = power.view(np.int64)
         # the same by path, or by the level that it leads to
         by_path, to_level = (levels * levels, lanes), (levels, of_level)
-        seen_of, here_of, share_of, prior_of, gain_of, shrink_of, step_of = (
+        seen_of, here_of, share_of, prior_of, gain_of, shrink_of = (
             seen.reshape(by_path), here.reshape(by_path), share.reshape(by_path),
-            prior.reshape(by_path), gain.reshape(by_path), shrink.reshape(by_path),
-            step.reshape(by_path))
-        e_to, v_to, prior_to, offset_to, louder_to, step_to, chance_to = (
+            prior.reshape(by_path), gain.reshape(by_path), shrink.reshape(by_path))
+        e_to, v_to, prior_to, offset_to, louder_to, chance_to = (
             e.reshape(to_level), v.reshape(to_level), prior.reshape(to_level),
-            offset.reshape(to_level), louder.reshape(to_level), step.reshape(to_level),
+            offset.reshape(to_level), louder.reshape(to_level),
             chance.reshape(to_level))
         half_of, least_of, nu_of, weight_of = (
             half.reshape(kinds, *by_path), least.reshape(by_path),
             nu.reshape(levels, lanes), weight.reshape(levels, lanes))
         x_of, Ph_of, P_of = (x.reshape(n, levels, lanes), Ph.reshape(n, levels, lanes),
                              P.reshape(n, n, levels, lanes))
-        A, apart, new = (np.empty((n, *by_path)), np.empty((n, levels, lanes)),
-                         np.empty((levels, lanes)))
+        apart, new = np.empty((n, levels, lanes)), np.empty((levels, lanes))
         rate_of, wild_of, e_of, per_f_of = (
             rate.reshape(by_path), wild.reshape(by_path), e.reshape(by_path),
             per_f.reshape(kinds, *by_path))
         told = np.zeros((rows, tell))
         due = 0 if len(later) else -1
         for i in range(N):
-            h, h2 = H[i], H[i, moved] * H[i, moved]
+            h = H[i]
             if i == due:
                 due = drive(own, node, later, i, parts)
             for g in range(lanes):
@@ -141,7 +144,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             for to in range(levels):
                 for g in range(of_level):
                     e_to[to, g] = nu[g] - offset_to[to, g]
-                    v_to[to, g] = f[g] + louder_to[to, g] + h2 * step_to[to, g]
+                    v_to[to, g] = f[g] + louder_to[to, g]
                 for g in range(of_level):
                     prior_to[to, g] = weight[g] * chance_to[to, g]
             for kind in range(kinds):
@@ -188,8 +191,8 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                 update_covariance(P, Ph, shrink)
             else:
                 _share_paths(here_of, prior_of, seen, mass, share_of, weight_of)
-                _merge_paths(share_of, gain_of, shrink_of, step_of, h, moved, A, apart,
-                             new, x_of, P_of, Ph_of)
+                _merge_paths(share_of, gain_of, shrink_of, apart, new, x_of, P_of,
+                             Ph_of)
             if tell and levels * kinds == 1:
                 for g in range(tell):
                     told[0, g] = e[g] * np.sqrt(per_f[0, g])
@@ -238,25 +241,20 @@ def _share_paths(here, prior, seen, mass, share, weight):
 
 
 @njit(**JIT)
-def _merge_paths(share, gain, shrink, step, h, moved, A, apart, new, x, P, Ph):
+def _merge_paths(share, gain, shrink, apart, new, x, P, Ph):
     """One Gaussian of each level after a sample, from the two that have led there:
     x (n, 2, lanes) and P (n, n, 2, lanes).
 
-    A, (n, 4, lanes), becomes P h' of the path, apart (n, 2, lanes) the difference of
-    the two states.
+    apart (n, 2, lanes) becomes the difference of the two states.
     """
     n, _, lanes = x.shape
     for s in range(n):
-        more = h[moved] if s == moved else 0.0
-        for path in range(4):
-            for g in range(lanes):
-                A[s, path, g] = Ph[s, path % 2, g] + more * step[path, g]
         for to in range(2):
             first, second = 2 * to, 2 * to + 1
             for g in range(lanes):
-                new[to, g] = x[s, 1, g] + A[s, second, g] * gain[second, g]
+                new[to, g] = x[s, 1, g] + Ph[s, 1, g] * gain[second, g]
             for g in range(lanes):
-                apart[s, to, g] = x[s, 0, g] + A[s, first, g] * gain[first, g] - (
+                apart[s, to, g] = x[s, 0, g] + Ph[s, 0, g] * gain[first, g] - (
                     new[to, g])
             for g in range(lanes):
                 new[to, g] += share[first, g] * apart[s, to, g]
@@ -268,45 +266,14 @@ def _merge_paths(share, gain, shrink, step, h, moved, A, apart, new, x, P, Ph):
                 first, second = 2 * to, 2 * to + 1
                 for g in range(lanes):
                     other = P[s, t, 1, g] - (
-                        A[s, second, g] * A[t, second, g] * shrink[second, g])
-                    one = P[s, t, 0, g] - (
-                        A[s, first, g] * A[t, first, g] * shrink[first, g])
+                        Ph[s, 1, g] * Ph[t, 1, g] * shrink[second, g])
+                    one = P[s, t, 0, g] - Ph[s, 0, g] * Ph[t, 0, g] * shrink[first, g]
                     new[to, g] = other + share[first, g] * (
                         one - other + share[second, g] * (
                             apart[s, to, g] * apart[t, to, g]))
             for to in range(2):
                 for g in range(lanes):
                     P[s, t, to, g] = new[to, g]
-    for to in range(2):
-        for g in range(lanes):
-            P[moved, moved, to, g] += step[2 * to, g]
-
-
-WHOLE = 1.5 * 2.0**52    # a number that is added to it is rounded to the last bit
-PER_LN_2 = 1.0 / math.log(2.0)
-LN_2 = 0.6931471803691238, 1.9082149292705877e-10    # in two parts, the first short
-
-
-@njit(**JIT)
-def exponentials(x, power, bits):
-    """exp of x (lanes,) up to 0 in place, to 1e-15 of it, below -708 as there: that of
-    a library takes one number at a time. Powers of two are made in `power` (lanes,), of
-    which `bits` are whole numbers in the same place.
-    """
-    for g in range(len(x)):
-        x[g] = x[g] if x[g] > -708.0 else -708.0    # of `max` there are no vectors
-        power[g] = x[g] * PER_LN_2 + WHOLE
-    for g in range(len(x)):
-        n = power[g] - WHOLE
-        r = (x[g] - n * LN_2[0]) - n * LN_2[1]
-        high = 1 / 5040 + r * (1 / 40320 + r * (1 / 362880 + r * (1 / 3628800 + r * (
-            1 / 39916800 + r * (1 / 479001600 + r * (1 / 6227020800))))))
-        x[g] = 1.0 + r * (1.0 + r * (1 / 2 + r * (1 / 6 + r * (1 / 24 + r * (
-            1 / 120 + r * (1 / 720 + r * high))))))
-    for g in range(len(x)):
-        bits[g] = (bits[g] + 1023) << 52    # 2^n
-    for g in range(len(x)):
-        x[g] *= power[g]
 
 
 @njit(**KERNEL)

@@ -237,46 +237,44 @@ def _outliers_unrolled(H, i, states, node):
                 node[(P + t * n + s) * LANES + g] = new
 
 
-# ---- a level that is one of two, or steps at random
+# ---- a level that is one of two
 
 # First come the rows of the states: Phi, Q, what Phi has before and behind its
-# diagonal, what Q has before it, h, what h sees of a step (n each); x (n), P (n x n, of
-# which the lower half is kept) and P h (n) of either level. A path leads from one level
-# to one: those to the first, from either, then those to the second.
+# diagonal, what Q has before it, h (n each); x (n), P (n x n, of which the lower half
+# is kept) and P h (n) of either level. A path leads from one level to one: those to the
+# first, from either, then those to the second.
 ROWS = dict(
     value=1,                 # NaN where none is seen
     noise=1,                 # R
     nu=2, f=2,               # innovation of each level and its variance
     chance=4,                # of each path
     offset=2, louder=2,      # what a level adds to the value and to R
-    step=1,                  # variance that the second adds to the state that steps
     weight=2,                # probabilities of the levels
     e=4, per_f=4, prior=4,   # of each path: innovation, one over its variance, chance,
     here=4,                  # share of the density over the least exponent
     least=1, mass=1,         # this exponent and the density
     share=4, seen_per_f=4,   # of each path: of its level; 1 / f where there is a value
     exponents=1, product=1)  # sum and product of the samples so far
-# behind: the first level as it will be, and before that what a chain makes of P; of the
-# two paths to a level, how far they are apart, and their P h
-(NOISE, NU, F, CHANCE, OFFSET, LOUDER, STEP, WEIGHT, E, PER_F, PRIOR, HERE, LEAST, MASS,
+# behind: the first level as it will be, and before that what a chain makes of P; how
+# far the two paths to a level are apart
+(NOISE, NU, F, CHANCE, OFFSET, LOUDER, WEIGHT, E, PER_F, PRIOR, HERE, LEAST, MASS,
  SHARE, SEEN_PER_F, EXPONENTS, PRODUCT, MADE) = accumulate(ROWS.values())
 TOLD = SHARE - E    # rows of which a sample is told
 
 
 @njit(**JIT)
 def _value_row(n):
-    return 11 * n + 2 * n * n
+    return 10 * n + 2 * n * n
 
 
 @njit(**KERNEL)
-def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, moved, out,
-                  total):
+def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, out, total):
     """Groups of `mixtures.mixture_filters` of a level without outliers; a `chain` that
     is not None has pairs of neighbours. Probabilities have samples for lanes.
     """
     N, M, n, rows = y.shape[1], own.shape[1], len(states), out.shape[2]
     v = _value_row(n)
-    node = np.empty((v + MADE + n * (n + 4)) * LANES)
+    node = np.empty((v + MADE + n * (n + 2)) * LANES)
     told, past = np.empty((rows, STRETCH)), np.empty((LANES, TOLD + 1, STRETCH))
     never, of_kind = np.zeros((4, STRETCH)), (1, 4, STRETCH)
     score, beyond = np.empty(STRETCH), np.empty(STRETCH)
@@ -294,12 +292,12 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, moved, o
                 if pair[s] < s:
                     node[(4 * n + s) * LANES + g] = own[3, at[g], s]
                 for level in range(2):
-                    k = 9 * n + level * n * n + s * n
+                    k = 8 * n + level * n * n + s * n
                     node[(k + pair[s]) * LANES + g] = own[5, at[g], s]
                     node[(k + s) * LANES + g] = own[4, at[g], s]
-            starts, ends, half, louder, step = jump[at[g]]
+            starts, ends, half, louder, _ = jump[at[g]]
             law = (1.0 - starts, ends, starts, 1.0 - ends, -half, half, 0.0, louder,
-                   step, ends / (starts + ends), starts / (starts + ends))
+                   ends / (starts + ends), starts / (starts + ends))
             for k in range(len(law)):    # as long after the level began
                 node[(v + CHANCE + k) * LANES + g] = law[k]
             node[(v + PRODUCT) * LANES + g] = 1.0
@@ -312,9 +310,6 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, moved, o
             for s in range(n):    # in the same array: it can be no other's
                 for g in range(LANES):
                     node[(5 * n + s) * LANES + g] = H[i, s]
-            for g in range(LANES):
-                node[(6 * n + moved) * LANES + g] = (
-                    H[i, moved] * node[(v + STEP) * LANES + g])
             if chain is not None:
                 _turn(states, (), node)
             _predict(states, (), chain, node)
@@ -323,17 +318,17 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, moved, o
                 _turn(states, (0,), node)
             _predict(states, (0,), chain, node)
             _observe(states, (0,), chain, node)
-            _take_path(states, (), (), H[i, moved], node)
-            _take_path(states, (), (0,), H[i, moved], node)
-            _take_path(states, (0,), (), H[i, moved], node)
-            _take_path(states, (0,), (0,), H[i, moved], node)
+            _take_path(states, (), (), node)
+            _take_path(states, (), (0,), node)
+            _take_path(states, (0,), (), node)
+            _take_path(states, (0,), (0,), node)
             _weigh_paths(states, node)
             _share_levels(states, node)
             _merge_states(states, (), node)
             _merge_covariances(states, (), node)
             _merge_states(states, (0,), node)
             _merge_covariances(states, (0,), node)
-            _go_on(states, moved, node)
+            _go_on(states, node)
             if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
                 for g in range(LANES):
                     log_f[g] -= np.log(node[(v + PRODUCT) * LANES + g])
@@ -365,7 +360,7 @@ def _lower(n, s, t):
 @njit(**JIT)
 def _turn(states, level, node):
     """Phi P of a level of a chain, where the first level will be."""
-    n, P = len(states), 9 * len(states) + len(level) * len(states)**2
+    n, P = len(states), 8 * len(states) + len(level) * len(states)**2
     turned = _value_row(n) + MADE
     for g in range(LANES):
         for s in range(n):
@@ -384,7 +379,7 @@ def _turn(states, level, node):
 @njit(**JIT)
 def _predict(states, level, chain, node):
     """Covariance of a level at a sample, Eq. (5), after `_turn` if it is a chain."""
-    n, P = len(states), 9 * len(states) + len(level) * len(states)**2
+    n, P = len(states), 8 * len(states) + len(level) * len(states)**2
     turned = _value_row(n) + MADE
     for g in range(LANES):
         for s in range(n):
@@ -414,8 +409,8 @@ def _observe(states, level, chain, node):
     to (8).
     """
     n, at, v = len(states), len(level), _value_row(len(states))
-    h, x, P, Ph = (5 * n, (7 + at) * n, 9 * n + at * n * n,
-                   (9 + at) * n + 2 * n * n)
+    h, x, P, Ph = (5 * n, (6 + at) * n, 8 * n + at * n * n,
+                   (8 + at) * n + 2 * n * n)
     for g in range(LANES):
         nu, f, before = node[v * LANES + g], node[(v + NOISE) * LANES + g], 0.0
         for s in range(n):
@@ -438,15 +433,14 @@ def _observe(states, level, chain, node):
 
 
 @njit(**JIT)
-def _take_path(states, to, start, h, node):
-    """What a path from one level to one makes of a sample; h sees what steps."""
+def _take_path(states, to, start, node):
+    """What a path from one level to one makes of a sample."""
     v, path = _value_row(len(states)), 2 * len(to) + len(start)
     for g in range(LANES):
         e = (node[(v + NU + len(start)) * LANES + g]
              - node[(v + OFFSET + len(to)) * LANES + g])
         per_f = 1.0 / (node[(v + F + len(start)) * LANES + g]
-                       + node[(v + LOUDER + len(to)) * LANES + g]
-                       + len(to) * h * h * node[(v + STEP) * LANES + g])
+                       + node[(v + LOUDER + len(to)) * LANES + g])
         node[(v + E + path) * LANES + g] = e
         node[(v + PER_F + path) * LANES + g] = per_f
         node[(v + PRIOR + path) * LANES + g] = (
@@ -505,36 +499,34 @@ def _share_levels(states, node):
 @njit(**JIT)
 def _merge_states(states, level, node):
     """The state of a level after a sample, from the two that have led there: of the
-    first where it waits for the second. P h of both, and how far they are apart, are
-    kept for its covariance.
+    first where it waits for the second. How far they are apart is kept for its
+    covariance.
     """
     n, to, v = len(states), len(level), _value_row(len(states))
-    x, Ph, made = 7 * n, 9 * n + 2 * n * n, v + MADE
+    x, Ph, made = 6 * n, 8 * n + 2 * n * n, v + MADE
     apart, one, other, new_x = made + n + n * n, 2 * to, 2 * to + 1, (
-        8 * n if to else made)
+        7 * n if to else made)
     for g in range(LANES):
         gain = (node[(v + SEEN_PER_F + one) * LANES + g]
                 * node[(v + E + one) * LANES + g])
         gains = (node[(v + SEEN_PER_F + other) * LANES + g]
                  * node[(v + E + other) * LANES + g])
         for s in range(n):
-            more = to * node[(6 * n + s) * LANES + g]
-            a = node[(Ph + s) * LANES + g] + more
-            b = node[(Ph + n + s) * LANES + g] + more
-            new = node[(x + n + s) * LANES + g] + b * gains
-            off = node[(x + s) * LANES + g] + a * gain - new
+            new = (node[(x + n + s) * LANES + g]
+                   + node[(Ph + n + s) * LANES + g] * gains)
+            off = (node[(x + s) * LANES + g]
+                   + node[(Ph + s) * LANES + g] * gain - new)
             node[(new_x + s) * LANES + g] = (
                 new + node[(v + SHARE + one) * LANES + g] * off)
             node[(apart + s) * LANES + g] = off
-            node[(apart + n + s) * LANES + g] = a
-            node[(apart + 2 * n + s) * LANES + g] = b
 
 
 @njit(**JIT)
 def _merge_covariances(states, level, node):
     """The covariance of a level after a sample, one Gaussian for two."""
     n, to, v = len(states), len(level), _value_row(len(states))
-    P, made, one, other = 9 * n, v + MADE + n, 2 * to, 2 * to + 1
+    P, Ph, made, one, other = (8 * n, 8 * n + 2 * n * n, v + MADE + n, 2 * to,
+                               2 * to + 1)
     apart, new_P = made + n * n, P + n * n if to else made
     for g in range(LANES):
         share = node[(v + SHARE + one) * LANES + g]
@@ -543,28 +535,25 @@ def _merge_covariances(states, level, node):
         shrinks = node[(v + SEEN_PER_F + other) * LANES + g]
         for s in range(n):
             off = rest * node[(apart + s) * LANES + g]
-            a = shrink * node[(apart + n + s) * LANES + g]
-            b = shrinks * node[(apart + 2 * n + s) * LANES + g]
+            a = shrink * node[(Ph + s) * LANES + g]
+            b = shrinks * node[(Ph + n + s) * LANES + g]
             for t in range(s + 1):
                 k = s * n + t
                 first = node[(P + k) * LANES + g] - (
-                    a * node[(apart + n + t) * LANES + g])
+                    a * node[(Ph + t) * LANES + g])
                 second = node[(P + n * n + k) * LANES + g] - (
-                    b * node[(apart + 2 * n + t) * LANES + g])
+                    b * node[(Ph + n + t) * LANES + g])
                 node[(new_P + k) * LANES + g] = second + share * (
                     first - second + off * node[(apart + t) * LANES + g])
 
 
 @njit(**JIT)
-def _go_on(states, moved, node):
+def _go_on(states, node):
     """Both levels as they are after a sample."""
     n, made = len(states), _value_row(len(states)) + MADE
     for g in range(LANES):
         for s in range(n):
-            node[(7 * n + s) * LANES + g] = node[(made + s) * LANES + g]
+            node[(6 * n + s) * LANES + g] = node[(made + s) * LANES + g]
             for t in range(s + 1):
-                node[(9 * n + s * n + t) * LANES + g] = node[
+                node[(8 * n + s * n + t) * LANES + g] = node[
                     (made + n + s * n + t) * LANES + g]
-    k = 9 * n + n * n + moved * (n + 1)
-    for g in range(LANES):
-        node[k * LANES + g] += node[(made - MADE + STEP) * LANES + g]

@@ -1,0 +1,211 @@
+"""Filter of a level that steps at random.
+
+One sample rarely proves a step: which is the last one is decided once later samples
+have told. So one Gaussian is kept for every age that the last step may have, ages that
+are alike together (interacting multiple models; H. Blom, Y. Bar-Shalom, IEEE Trans.
+Autom. Control 33, 1988). Lanes, and the steps of every recursion, are those of
+`kernels`.
+"""
+
+import numpy as np
+from numba import njit
+
+from sensorid import JIT, LOG_2PI
+from sensorlab.gap.kernels import (
+    KERNEL, drive, exponentials, load, observe_covariance, observe_state, turn,
+    turn_covariance, update_covariance, update_state)
+from sensorlab.gap.unrolled import (
+    lanes_of_group, odd_and_log_score, probabilities_beside)
+
+LASTS = 1.0, 2.0, 4.0, 8.0, 16.0, 32.0    # samples, on average, that a step is of an
+                                          # age; then it is old
+OLD = len(LASTS)
+RECENT = 4         # of these ages: steps up to some 15 samples ago
+LEAST_SHARE = 1e-12    # of an age: what comes to it must be more than rounding
+
+
+@njit(**KERNEL)
+def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, jump,
+                 moved, out, total):
+    """Groups of `mixtures.mixture_filters` of a level that steps at random, with
+    outliers or without. Every age has lanes of its own, after those of the younger one.
+    """
+    N, rows, (M, n), ages = y.shape[1], out.shape[2], own.shape[1:], OLD + 1
+    of_age, by_age = ages * lanes, (ages, lanes)
+    for group in range(first, last):
+        record, nodes, number, tell = lanes_of_group(group, lanes, M, out)
+        node = np.empty(of_age, np.int64)
+        rate, wider, begin, step = (np.empty(of_age), np.empty(of_age), np.empty(lanes),
+                                    np.empty(lanes))
+        for g in range(of_age):
+            at = node[g] = nodes[g % lanes]
+            rate[g], wider[g] = outlier[at, 0], outlier[at, 1]
+            begin[g % lanes], step[g % lanes] = jump[at, 0], jump[at, 4]
+        parts, P = np.empty((6, n, of_age)), np.empty((n, n, of_age))
+        load(own, pair, node, parts, P)
+        x, Ph, nu, f, noise = (np.zeros((n, of_age)), np.empty((n, of_age)),
+                               np.empty(of_age), np.empty(of_age), np.empty(of_age))
+        per_f, half, term = (np.empty((kinds, of_age)), np.empty((kinds, of_age)),
+                             np.empty((kinds, of_age)))
+        here, wild, less, power, gain, shrink = (
+            np.empty(of_age), np.zeros(of_age), np.empty(of_age), np.empty(of_age),
+            np.empty(of_age), np.empty(of_age))
+        bits, prior, old = power.view(np.int64), np.empty(by_age), np.zeros(lanes)
+        weight = np.full(by_age, LEAST_SHARE)
+        weight[-1] = 1.0
+        value, seen, mass, least, log_f, product = (
+            np.empty(lanes), np.empty(lanes), np.empty(lanes), np.empty(lanes),
+            np.zeros(lanes), np.ones(lanes))
+        x_of, P_of, here_of, prior_of = (x.reshape((n, *by_age)), P.reshape(
+            (n, n, *by_age)), here.reshape(by_age), prior.ravel())
+        rate_of, wild_of = rate.reshape(by_age), wild.reshape(by_age)
+        nu_of, gain_of, shrink_of = (nu.reshape(by_age), gain.reshape(by_age),
+                                     shrink.reshape(by_age))
+        half_of, per_f_of = half.reshape((kinds, *by_age)), per_f.reshape(
+            (kinds, *by_age))
+        mean, spread = np.empty((n, lanes)), np.empty((n, n, lanes))
+        told = np.zeros((rows, tell))
+        due = 0 if len(later) else -1
+        for i in range(N):
+            h = H[i]
+            if i == due:
+                due = drive(own, node, later, i, parts)
+            for g in range(lanes):
+                value[g] = y[record[g], i]
+                seen[g] = 0.0 if np.isnan(value[g]) else 1.0
+                value[g] = value[g] if seen[g] > 0.0 else 0.0
+            if i == 0 or r.shape[1] > 1:
+                for g in range(of_age):
+                    noise[g] = r[node[g], i]
+            _grow_older(weight, begin, x_of, P_of, prior, mean, spread)
+            for age in range(ages):
+                for g in range(lanes):
+                    nu_of[age, g] = value[g]
+            for g in range(of_age):
+                f[g] = noise[g]
+            turn_covariance(parts, pair, P)
+            for g in range(lanes):
+                P[moved, moved, g] += step[g]
+            observe_covariance(parts, pair, h, P, Ph, f)
+            turn(parts, pair, x)
+            observe_state(h, x, nu)
+            for kind in range(kinds):
+                for g in range(of_age):
+                    k = 1.0 / (f[g] + kind * wider[g])
+                    per_f[kind, g] = k
+                    half[kind, g] = 0.5 * k * nu[g] * nu[g]
+                for g in range(of_age):
+                    term[kind, g] = prior_of[g] * np.sqrt(per_f[kind, g]) * (
+                        rate[g] if kind else 1.0 - rate[g])
+            for g in range(lanes):
+                least[g] = half_of[0, 0, g]
+            for kind in range(kinds):
+                for age in range(ages):
+                    for g in range(lanes):
+                        other = half_of[kind, age, g]
+                        least[g] = other if other < least[g] else least[g]
+            for kind in range(kinds):
+                for age in range(ages):
+                    for g in range(lanes):
+                        less[age * lanes + g] = least[g] - half_of[kind, age, g]
+                exponentials(less, power, bits)
+                for g in range(of_age):
+                    term[kind, g] *= less[g]
+            for g in range(of_age):
+                here[g] = term[0, g] + (term[1, g] if kinds == 2 else 0.0)
+            for g in range(lanes):
+                mass[g] = 0.0
+            for age in range(ages):
+                for g in range(lanes):
+                    mass[g] += here_of[age, g]
+            for g in range(lanes):
+                log_f[g] += seen[g] * (least[g] + 0.5 * LOG_2PI)
+                product[g] *= seen[g] * mass[g] + (1.0 - seen[g])
+            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
+                for g in range(lanes):
+                    log_f[g] -= np.log(product[g])
+                    product[g] = 1.0
+            for g in range(of_age):
+                k, shrink[g] = per_f[0, g], per_f[0, g]
+                if kinds == 2:
+                    wild[g] = term[1, g] / here[g] if here[g] > 0.0 else 0.0
+                    apart_k = k - per_f[1, g]
+                    k -= wild[g] * apart_k
+                    shrink[g] = k - wild[g] * (1.0 - wild[g]) * (apart_k * nu[g])**2
+                gain[g] = k * nu[g]
+            for age in range(ages):
+                for g in range(lanes):
+                    gain_of[age, g] *= seen[g]
+                    shrink_of[age, g] *= seen[g]
+            update_state(x, Ph, gain)
+            update_covariance(P, Ph, shrink)
+            for age in range(ages):
+                for g in range(lanes):
+                    share = here_of[age, g] / mass[g] if seen[g] > 0.0 else (
+                        prior[age, g])
+                    weight[age, g] = share if share > LEAST_SHARE else LEAST_SHARE
+            if tell:
+                probabilities_beside(rate_of, prior, per_f_of, nu_of, less, power, told)
+            if tell and rows > 2:
+                for g in range(tell):
+                    old[g] = 0.0
+                    for age in range(RECENT, ages):
+                        old[g] += weight[age, g]
+                odd_and_log_score(here_of, wild_of, mass, least, old, told)
+            for g in range(tell):
+                for row in range(rows if seen[g] > 0.0 else 0):
+                    out[record[g], node[g], row, i] = told[row, g]
+        for g in range(number):
+            total[record[g], node[g]] = -log_f[g]
+
+
+@njit(**JIT)
+def _grow_older(weight, begin, x, P, prior, mean, spread):
+    """States x (n, ages, lanes) and P (n, n, ages, lanes) of the ages at the next
+    sample, before it is predicted, and their probabilities `prior` (ages, lanes).
+
+    With the probability `begin` (lanes,) a step comes, whichever age the last one had:
+    all Gaussians together are the youngest one. Of the others some samples go on to the
+    next age. mean (n, lanes) and spread (n, n, lanes) are room to work in; loops over
+    ages, of which the number is known, are unrolled within those over lanes.
+    """
+    n, _, lanes = x.shape
+    for s in range(n):
+        for g in range(lanes):
+            total = 0.0
+            for age in range(OLD):
+                total += weight[age, g] * (x[s, age, g] - x[s, OLD, g])
+            mean[s, g] = total
+        for t in range(s + 1):
+            for g in range(lanes):
+                total = weight[OLD, g] * P[s, t, OLD, g] - mean[s, g] * mean[t, g]
+                for age in range(OLD):
+                    total += weight[age, g] * (P[s, t, age, g] + (
+                        x[s, age, g] - x[s, OLD, g]) * (x[t, age, g] - x[t, OLD, g]))
+                spread[s, t, g] = total
+    for s in range(n):
+        for g in range(lanes):
+            mean[s, g] += x[s, OLD, g]
+    for g in range(lanes):
+        for age in range(OLD, 0, -1):
+            stays = (1.0 - 1.0 / LASTS[age] if age < OLD else 1.0) * weight[age, g]
+            comes = weight[age - 1, g] / LASTS[age - 1]
+            prior[age, g] = (stays + comes) * (1.0 - begin[g])
+            weight[age, g] = stays / (stays + comes)
+        prior[0, g] = begin[g]
+    for s in range(n):
+        for t in range(s + 1):
+            for g in range(lanes):
+                for age in range(OLD, 0, -1):
+                    stays, other = weight[age, g], P[s, t, age - 1, g]
+                    P[s, t, age, g] = other + stays * (
+                        P[s, t, age, g] - other + (1.0 - stays) * (
+                            x[s, age, g] - x[s, age - 1, g]) * (
+                            x[t, age, g] - x[t, age - 1, g]))
+                P[s, t, 0, g] = spread[s, t, g]
+    for s in range(n):
+        for g in range(lanes):
+            for age in range(OLD, 0, -1):
+                other = x[s, age - 1, g]
+                x[s, age, g] = other + weight[age, g] * (x[s, age, g] - other)
+            x[s, 0, g] = mean[s, g]
