@@ -587,8 +587,8 @@ def _account_with(scene, plain, acc, best, signature):
                        (*acc.signatures, signature(best.family)[0]), acc.readings, acc)
     if plain is not scene and best.effect.model and not best.effect.jumps:
         return account(scene, acc.bases,
-                       [h._replace(effects=(*h.effects, own.effects[-1]))
-                        for h, own in zip(acc.hypotheses, best.account.hypotheses)],
+                       [h.joined(own.effects[-1]) for h, own in zip(
+                           acc.hypotheses, best.account.hypotheses)],
                        acc.signatures, acc.readings, acc)
     return best.account
 

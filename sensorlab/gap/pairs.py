@@ -1,8 +1,8 @@
 """Two effects at a time, where neither explains much without the other.
 
 All pairs of a coarse list of signatures are tried on the scores of one filter, and the
-best are sought exactly. Beside what is odd or jumps, and beside a process for which
-jumps may stand in, any effect is sought.
+best are sought exactly. Beside what is the first to be odd or to jump, and beside a
+process for which jumps may stand in, any effect is sought.
 """
 
 from typing import NamedTuple
@@ -43,11 +43,12 @@ def best_pair(scene, acc, causes, effects, describes):
     forms, pairs = [e for e in effects if e.columns], []
     for signature in _starts(scene, acc, forms, best.log_bayes):
         pairs += _ever_better(scene, acc, _with(scene, acc, signature), forms, forms)
-    jumps = bool(best.found[0].effect.jumps) and not describes()
+    jumps = bool(best.found[0].effect.jumps) and not (
+        acc.member.has_jumps or describes())
     some = [e for e in effects if not e.factor] if jumps else forms
     inside = [c.found[0].effect for c in others if (
         c.effect in LAWS or jumps and not c.found[0].effect.columns)
-        and c.log_bayes > MOST_OF * best.log_bayes]
+        and c.log_bayes > MOST_OF * best.log_bayes and not acc.member.has_jumps]
 
     def beside(effect):
         look = further_causes(scene, acc, [effect])
@@ -80,8 +81,8 @@ def _with_last(scene, acc, other):
     if len(other.signatures) > len(acc.signatures):
         return _with(scene, acc, other.signatures[-1])
     return account(scene, acc.bases, [
-        h._replace(effects=(*h.effects, own.effects[-1]))
-        for h, own in zip(acc.hypotheses, other.hypotheses)], acc.signatures,
+        h.joined(own.effects[-1]) for h, own in zip(acc.hypotheses, other.hypotheses)
+    ], acc.signatures,
         acc.readings, acc)
 
 
