@@ -14,7 +14,7 @@ from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
-from sensorlab.gap.filters import filter_of, log_likelihoods, predict
+from sensorlab.gap.filters import filter_of, log_likelihoods, predict, processes
 from sensorlab.gap.readings import NOISY, as_read, less_rounding
 from sensorlab.gap.screens import (
     FEW, LITTLE, SCREENS, change_of_drive, change_of_level, screened, usual_variance)
@@ -258,11 +258,20 @@ class _Inside(_Where):
             every = [(variant, [h.with_effect(effect, variant)
                                 for h in start.hypotheses])
                      for variant in effect.variants or ("",)]
-            self._known[effect.name] = [(variant, *(
-                _promising(scene, start, richer, self.spectra)
-                if effect.search in BY_SPECTRA else (richer, np.nan)))
-                for variant, richer in every]
+            self._known[effect.name] = [(variant, *self._told(
+                effect, scene, start, richer)) for variant, richer in every]
         return self._known[effect.name]
+
+    def _told(self, effect, scene, start, richer):
+        """Hypotheses with an effect in it, and about ln B."""
+        if effect.search not in BY_SPECTRA:
+            return richer, np.nan
+        richer, told = _promising(scene, start, richer, self.spectra)
+        if effect.search == "spectrum" and told < 0.0 and any(map(
+                _hardly_white, start.hypotheses, start.samples, self.spectra)):
+            # something else may stand for what passes a low-pass
+            told = max(told, _told_by_spectra(richer, scene, start))
+        return richer, told
 
     def fitted(self, effect, best, least=0.0):
         """Rivals, one of each variant, that have an effect; `best` is the largest ln B
@@ -334,22 +343,24 @@ def _told_by_screens(inside, effects):
                                   reference.theta).about
         elif effect.jumps and effect.name not in SCREENS:
             yield max(change_of_level(effect, scene, acc.member, acc.signatures,
-                                      acc.theta), _told_by_spectra(effect, scene, acc))
+                                      acc.theta), _told_by_spectra(
+                [h.with_effect(effect) for h in acc.hypotheses], scene, acc))
         elif effect.model and not effect.search:
-            yield _told_by_spectra(effect, plain, reference)
+            yield _told_by_spectra([h.with_effect(effect) for h in
+                                    reference.hypotheses], plain, reference)
         elif effect.search in BY_SPECTRA:
             yield max(told for *_, told in inside.promised(effect))
         else:
             yield screened(effect, scene, z, variance)
 
 
-def _told_by_spectra(effect, scene, acc):
-    """About ln B of a process, or of a level: the integral of the posterior of its
-    filter, were that the normal law which the process of the same covariance has by the
-    spectrum.
+def _told_by_spectra(richer, scene, acc):
+    """About ln B of a process, or of a level, that hypotheses of an account have now:
+    the integral of the posterior of their filter, were that the normal law which the
+    process of the same covariance has by the spectrum.
     """
     def of(number):
-        h = acc.hypotheses[number].with_effect(effect)
+        h = richer[number]
         laws = guesses_from(acc, number, h, scene, acc.signatures)
         if not laws:
             return -np.inf
@@ -358,42 +369,31 @@ def _told_by_spectra(effect, scene, acc):
             h.parameters, ndtr(means)))
         return max(height - 0.5 * mean @ mean + 0.5 * np.linalg.slogdet(cov)[1]
                    for height, (mean, cov) in zip(ll, laws))
-    return mean_evidence(side_by_side(of, range(len(acc.hypotheses)))
-                         ) - acc.log_evidence
+    return mean_evidence(side_by_side(of, range(len(richer)))) - acc.log_evidence
+
+
+MOSTLY_WHITE = 0.5    # of the variance of an innovation
+
+
+def _hardly_white(h, sample, seen):
+    """Is little of what a member cannot predict white noise, where it is likeliest and
+    has the spectrum `seen`?
+    """
+    own = processes(h, h.scene, sample.likeliest[None])
+    innovation = np.exp(np.average(np.log(seen.density), weights=seen.count))
+    return own.r[0, 0] < MOSTLY_WHITE * innovation
 
 
 FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
 
 
 def _steps(acc, scene):
-    """How many steps of a level that moves at random a record shows: each at a few
-    samples, which sample it is need not be known. Of small ones, and beside outliers,
-    that is never clear: as many as the level has at least, on average, are there, if
-    each is worth more than what tells when it is; of others no more is known than of a
-    random walk.
+    """How many steps of a level that moves at random a record shows, each soon after:
+    of fewer no more is known than of a random walk, or each has a time of its own.
     """
     sure = predict(acc.member, scene, acc.signatures, acc.theta[None]
                    ).second[0, 0] > 0.5
-    counted = np.sum(sure[1:] & ~sure[:-1]) + sure[0]
-    key = next(one.key for one in acc.member.effects if one.name == "random_steps")
-    dwell, sigma = (acc.member.value(acc.sample.theta, key, symbol)
-                    for symbol in ("dwell", "sigma"))
-    # nats, of a step between two levels of that length in white noise
-    worth = 0.25 * (sigma / scene.white)**2 * dwell / scene.dt
-    at_least, longest = (np.exp(_bound(acc.sample.weight, np.log(own), sign))
-                         for own, sign in ((worth, -1.0), (dwell, 1.0)))
-    if at_least < np.log(longest / scene.dt) + CLEAR:
-        return counted
-    return max(counted, scene.duration / longest)
-
-
-CLEAR = 3.0    # nats beyond the number of samples where a step may be
-
-
-def _bound(weight, x, sign):
-    """Mean of x (M,) and twice its standard deviation, to one side."""
-    mean = weight @ x
-    return mean + 2.0 * sign * np.sqrt(weight @ (x - mean)**2)
+    return np.sum(sure[1:] & ~sure[:-1]) + sure[0]
 
 
 def _rests_on_rounding(acc, scene):

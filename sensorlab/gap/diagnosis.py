@@ -238,7 +238,8 @@ def _surely(scene, acc, trials, seed, before=None, near=None):
 def augmented(d):
     """The `Simulator` of a diagnosis with the effects that were found: ranges of the
     base have the posterior's mean and standard deviation, the phase of a line is that
-    of any record, the rest are numbers.
+    of any record, a step, a pulse or a wave at some time is there or not, from nothing
+    to the size found; the rest are numbers.
     """
     to, sample = d.final.member.in_units, d.final.sample
     # what stands beside effects of fixed numbers is where these are likely
@@ -255,15 +256,32 @@ def augmented(d):
         mean, sd = bias_of(d.final, as_read(d.scene, d.final.readings))
         bias_sigma = float(np.hypot(offset + mean, sd))
     h = h._replace(bias_sigma=bias_sigma, bias_given=True)
-    return Simulator((h,), (tuple(map(_at_any_phase, (*d.known, *effects))),))
+    return Simulator((h,), (tuple(map(_at_any_phase, (
+        *d.known, *map(_there_or_not, effects)))),))
 
 
 def _at_any_phase(one):
     """A line as another record has it, which begins at some other time."""
     if one.effect.search != "frequency":
         return one
-    return one._replace(values={**one.values,
-                                "phase": Parameter("phase", -np.pi, np.pi)})
+    return one._replace(values={**one.values, "phase": ANY_PHASE})
+
+
+ANY_PHASE = Parameter("phase", -np.pi, np.pi)
+
+
+def _there_or_not(one):
+    """What happened in a record at some time, as another record has it: of a size from
+    nothing on.
+    """
+    if not one.effect.columns or one.effect.search not in ("onset", "pulse", "waves"):
+        return one
+    symbol = one.effect.size
+    size = known_values(one)[symbol]
+    values = {**one.values, symbol: Parameter(symbol, min(size, 0.0), max(size, 0.0))}
+    if "phase" in values:
+        values["phase"] = ANY_PHASE
+    return one._replace(values=values)
 
 
 # ---- the simulator, and the record less what is known

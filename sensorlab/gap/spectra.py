@@ -237,13 +237,17 @@ def posterior_law(h, scene, signatures, other, theta, known):
 
     Another member has its posterior about theta (p,): what it leaves of the record is
     white there, so that nothing leaks from one frequency to the next. `known` are these
-    coordinates of parameters by key, from which the search starts.
+    coordinates of parameters by key, from which the search starts, and once from where
+    else it is likeliest: something may stand for what is new.
     """
     keys = [h.keys[c] for c in free_columns(h.parameters)]
     new = [axis for axis, key in enumerate(keys) if key not in known]
-    starts = np.tile([known.get(key, 0.0) for key in keys], (CANDIDATES, 1))
-    starts[:, new] = ndtri(LatinHypercube(max(len(new), 1), rng=0).random(CANDIDATES))[
-        :, :len(new)]
+    anywhere = ndtri(LatinHypercube(max(len(keys), 1), rng=0).random(CANDIDATES))[
+        :, :len(keys)]
+    near = anywhere.copy()
+    for axis, key in enumerate(keys):
+        if key in known:
+            near[:, axis] = known[key]
     seen = _binned(residual_spectrum(other, scene, signatures, theta), [
         _middle(one.values["frequency"], known.get((one.key, "frequency")))
         for one in h.effects if one.effect.search == "band"])
@@ -260,10 +264,12 @@ def posterior_law(h, scene, signatures, other, theta, known):
                 gain += p.log_ratio(theta[:, column])
         return np.where(np.isfinite(gain), gain, NOTHING) - 0.5 * (x**2).sum(1)
 
-    height, modes = log_posterior(starts), []
-    for _ in range(CLIMBED if new else 1):
-        modes.append(climb(log_posterior, starts[height.argmax()]))
-        height[((starts - starts[height.argmax()])**2).sum(1) < 1.0] = -np.inf
+    modes = []
+    for starts, times in ((near, CLIMBED), (anywhere, 1)) if new else ((near, 1),):
+        height = log_posterior(starts)
+        for _ in range(times):
+            modes.append(climb(log_posterior, starts[height.argmax()]))
+            height[((starts - starts[height.argmax()])**2).sum(1) < 1.0] = -np.inf
     return modes[int(np.argmax([log_posterior(x[None])[0] for x, _ in modes]))]
 
 
