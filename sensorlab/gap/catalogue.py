@@ -885,7 +885,8 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="compare the counters of sensor and logger, poll faster"),
     Effect("wrong_parameter", factor=1000.0,
            equation="one parameter of the simulator, or all standard deviations, is "
-                    "factor times what it says",
+                    "factor times what it says: the middle of a narrow range, the "
+                    "nearest end of one wider than by a factor e",
            resembles="correlated noise, bandwidth",
            experiment="compare the Allan deviation with the data sheet, unit by unit"),
 )}

@@ -910,11 +910,17 @@ def _pulled(wide, p, sample, column, scene, signatures):
         sample.log_likelihood.max() + PULL)
 
 
+NARROW = np.e    # ends of a range about a number: it is this that may be wrong
+
+
 def _factor(key, hypotheses, wide):
-    """A parameter over what hypotheses have, or its nearest end: mean, sd."""
+    """A parameter over what hypotheses have, mean and sd: over the middle of a narrow
+    range, or the nearest end of a wide one.
+    """
     column = _column(wide.member, key)
     if column is None:
         return 1.0, 0.0
     p, mean = hypotheses[wide.best].parameters[column], wide.sample.mean[column]
-    reference = np.clip(mean, p.low, p.high) or 1.0
+    narrow = 0.0 < p.high < NARROW * p.low
+    reference = p.mean if narrow else np.clip(mean, p.low, p.high) or 1.0
     return float(mean / reference), float(wide.sample.sd()[column] / reference)

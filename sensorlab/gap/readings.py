@@ -362,6 +362,8 @@ TINY = 1e-300    # a probability that has a logarithm
 REGULAR = 0.75     # of the samples that a rate repeats are equal, if it is one: which
                    # is repeated where both meet may be chance
 HARMONICS = 3      # of the rate that the largest line may be
+A_LINE = 3.0       # nats that a line has over the largest of noise
+MOST_TIES = 20000  # in which a rate is sought
 FINE = 20          # parts of the arc to which a rate is found over the record
 
 
@@ -370,8 +372,8 @@ def _own_rate(y):
     the repeated samples (N,); None if there is none.
 
     Sample i is repeated where the fractional part of rate i + phase is above the rate:
-    an arc, whose middle is the phase of the line at the rate in the spectrum of the
-    ties. What repeats by chance has no line.
+    an arc. The rate has a line in the spectrum of the ties. What repeats by chance is
+    as often outside of the arc.
     """
     N = len(y)
     same = np.append(False, np.diff(y) == 0.0)
@@ -380,13 +382,18 @@ def _own_rate(y):
         return None
     n = next_fast_len(4 * N, real=True)
     power = np.abs(np.fft.rfft(same - p, n)[4:])**2 / (N * p * (1.0 - p) + 1e-9)
-    if power.max() < CERTAIN + np.log(N):
+    if power.max() < np.log(N) + A_LINE:
         return None
-    top = (4 + power.argmax()) / n
-    rate = max((_nearest(ties, r, N, 0.5, 21) for k in range(1, HARMONICS + 1)
-                for r in (top / k, 1.0 - top / k)))[1]
-    _, rate = _nearest(ties, rate, N, 0.1, FINE * min(int(1.0 / (1.0 - rate)), FINE))
-    middle = _middle(ties, rate)
+    strong = np.flatnonzero(power > 0.5 * power.max())[[0, -1]]    # of its harmonics
+    every = -(-len(ties) // MOST_TIES)
+    ties = ties[::every]
+    lines = (4 + np.append(strong, power.argmax())) / n
+    rate = max((_nearest(ties, r, N / every, N, 0.5, 21)
+                for line in lines for k in range(1, HARMONICS + 1)
+                for r in (line / k, 1.0 - line / k)))[1]
+    finer = np.clip(int(1.0 / (1.0 - rate)), 1, FINE)
+    _, rate = _nearest(ties, rate, N / every, N, 0.1, FINE * finer)
+    middle = _arc(ties, rate)[1]
     away = (rate * np.arange(N) - middle + 0.5) % 1.0 - 0.5
     arc = np.abs(away) < 0.5 * (1.0 - rate)
     repeated = same & arc
@@ -407,19 +414,26 @@ def _log_likelihood(same):
     return len(same) * (xlogy(p, p) + xlogy(1.0 - p, 1.0 - p))
 
 
-def _middle(ties, rate):
-    """Middle of the arc of the repeated samples at a rate, in turns."""
-    return np.angle(np.exp(2j * np.pi * rate * ties).sum()) / (2.0 * np.pi)
+def _arc(ties, rate):
+    """How many ties lie in the arc of the repeated samples at a rate, wherever most do,
+    and its middle, in turns. Their mean direction would be off by those by chance.
+    """
+    turns = np.sort(rate * ties % 1.0)
+    around = np.append(turns, turns + 1.0)
+    last = np.searchsorted(around, turns + 1.0 - rate)
+    count = last - np.arange(len(turns))
+    k = count.argmax()
+    return count[k], 0.5 * (turns[k] + around[last[k] - 1])
 
 
-def _nearest(ties, rate, N, reach, count):
-    """By how much more ties than other samples lie in the arc of the best of so many
-    rates, so many turns in N samples about one; and the middle of the best rates.
+def _nearest(ties, rate, samples, N, reach, count):
+    """By how much more ties than other samples, of so many in all, lie in the arc of
+    the best of so many rates, so many turns in N samples about one; and the middle of
+    the best rates.
     """
     rates = rate + np.linspace(-reach, reach, count) / N
-    inside = np.array([np.sum(np.abs((r * ties - _middle(ties, r) + 0.5) % 1.0 - 0.5)
-                              < 0.5 * (1.0 - r)) for r in rates])
-    score = 2.0 * inside - N * (1.0 - rates)
+    inside = np.array([_arc(ties, r)[0] for r in rates])
+    score = 2.0 * inside - samples * (1.0 - rates)
     return score.max(), np.mean(rates[inside == inside[score.argmax()]])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from sensorlab.gap.account import account, with_sizes
 from sensorlab.gap.causes import further_causes
 from sensorlab.gap.distance import distance, enough_trials, p_values
+from sensorlab.gap.filters import log_likelihoods
 from sensorlab.gap.readings import as_read
 
 MEASURED = 4       # records of a simulator, or parts of them as long as the real one
@@ -54,6 +55,8 @@ class Twins:
                 one, best.values) or size in best.values and not abs(
                 one.values[size][0]) < LARGER * abs(best.values[size][0]):
             return False
+        if not one.effect.columns and not _explains(one, look.account, own, seen):
+            return False
         self._describe(look.account)    # as the record is
         return True
 
@@ -63,6 +66,20 @@ class Twins:
                                           acc.theta[None])[0])
                  for acc, scene in zip(self.accounts, self.scenes)]
         return len(sizes) > 1 and min(sizes) > LOST * max(sizes)
+
+
+def _explains(one, richer, acc, scene):
+    """Is a scene likelier with an effect as a record has it than without? An account of
+    it has the effect as it is there, another has none.
+    """
+    own = richer.member.effects[-1]
+    if own.name != one.name:
+        return True    # a parameter that is wrong
+    theta = richer.theta.copy()
+    for symbol in own.values:
+        theta[richer.member.keys.index((own.key, symbol))] = one.values[symbol][0]
+    return log_likelihoods(richer.member, scene, richer.signatures, theta[None])[0] > (
+        log_likelihoods(acc.member, scene, acc.signatures, acc.theta[None])[0])
 
 
 def _largest(one, signatures):
