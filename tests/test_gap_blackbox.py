@@ -156,3 +156,14 @@ def test_a_line_of_several_records_has_the_amplitude_that_they_tell(times, verdi
     for one in d.found:
         assert one.values["parameter"][0] == "sinusoid.amplitude"
         assert abs(one.values["factor"][0] - times) < 0.3
+
+
+def test_a_stronger_effect_than_theirs_is_not_shared():
+    rng = np.random.default_rng(1)
+    theirs, y = rng.standard_normal((2, 3000))
+    theirs[[500, 1300, 2200]] += [4.0, -4.5, 4.0]
+    y[rng.choice(3000, 21, replace=False)] += 6.0 * rng.standard_normal(21)
+    simulator = sensorlab.simulator_from(theirs[None], DT)
+    assert not simulator.effects[0]
+    d = sensorlab.diagnose(y, DT, simulator, simulated=theirs[None])
+    assert d.verdict == "outliers"

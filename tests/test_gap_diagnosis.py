@@ -9,11 +9,12 @@ import pytest
 from conftest import (
     DT, MODEL, WHITE, WHITE_OF_A_RANGE, diagnosed, member, white_with)
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import signal
 
 import sensorid
 import sensorlab
 from sensorlab import Found, Scene
-from sensorlab.gap import account, causes, diagnosis, effects, words
+from sensorlab.gap import account, causes, diagnosis, effects, pairs, words
 from sensorlab.gap.verdict import SLIGHT
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
@@ -439,6 +440,63 @@ def test_two_steps_and_a_pulse_are_no_telegraph():
     assert d.verdict == "bias_step+bias_step"
     onsets = sorted(one.values["onset"][0] for one in d.found)
     assert_allclose(onsets, [670.0, 790.0], atol=3.0)
+
+
+def test_a_ringing_may_last_as_long_as_a_burst():
+    rng, t = np.random.default_rng(3), np.arange(1500.0) - 700.0
+    y = rng.standard_normal(1500) + np.where(t >= 0.0, 2.0 * np.exp(
+        -3.0 * np.maximum(t, 0.0) / 330.0) * np.cos(0.9 * t), 0.0)
+    d = sensorlab.diagnose(y, 1.0, WHITE)
+    assert d.verdict == "ringing"
+    mean, sd = d.found[0].values["duration"]
+    assert abs(mean - 330.0) < 3.0 * sd
+
+
+@pytest.mark.parametrize("name", ["bias_step", "ringing"])
+def test_what_happened_once_is_there_or_not_in_another_record(name):
+    y, again = np.random.default_rng(11).standard_normal((2, 1500))
+    t = np.arange(1500.0) - 600.0
+    y[600:] += 0.8 if name == "bias_step" else (
+        4.0 * np.exp(-3.0 * t / 100.0) * np.cos(0.6 * t))[600:]
+    d = sensorlab.diagnose(y, 1.0, WHITE)
+    assert d.verdict == name
+    model = sensorlab.augmented(d)
+    assert sensorlab.diagnose(again, 1.0, model).verdict == "none"
+    assert sensorlab.diagnose(y, 1.0, model).verdict == "none"
+
+
+@pytest.mark.parametrize("sigma_w", [0.02, 0.1])
+def test_a_low_pass_is_seen_beside_a_walk(sigma_w):
+    rng, tau = np.random.default_rng(1), 1.8
+    w = rng.standard_normal(2600)
+    b, a = signal.butter(2, 1.0 / (2.0 * np.pi * tau), fs=1.0)
+    y = signal.lfilter(b, a, w)[600:] + np.cumsum(sigma_w * rng.standard_normal(2000))
+    d = sensorlab.diagnose(y, 1.0, sensorid.default_hypotheses(y, 1.0))
+    assert d.verdict == "bandwidth" and d.remainder.p_value > 0.01
+    mean, sd = d.found[0].values["tau"]
+    assert abs(mean - tau) < 3.0 * sd
+
+
+def test_what_joins_an_account_makes_a_form_that_uneven_noise_can_have():
+    y = np.random.default_rng(0).standard_normal(400)
+    scene = Scene(y, 1.0, {})
+    plain = account.account(scene, [member(scene, WHITE[0])])
+    digital, changed = (account.account(scene, plain.bases, [
+        plain.member.with_effect(sensorlab.CATALOGUE[name], form)])
+        for name, form in (("bandwidth", "digital"), ("noise_step", "")))
+    both = pairs._with_last(scene, digital, changed)
+    assert [one.variant for one in both.member.effects] == ["second order", ""]
+
+
+@pytest.mark.parametrize("ends", [(0.95, 1.05), (0.5, 1.0), (0.1, 1.0)])
+def test_a_factor_is_that_over_a_number_or_over_the_nearest_end(ends):
+    y = 1.4 * np.random.default_rng(3).standard_normal(4000)
+    d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=ends)])
+    assert d.verdict == "wrong_parameter"
+    low, high = ends
+    over = 0.5 * (low + high) if high < np.e * low else high
+    mean, sd = d.found[0].values["factor"]
+    assert abs(mean - 1.4 / over) < 3.0 * sd + 0.02
 
 
 @pytest.mark.large

@@ -329,6 +329,41 @@ def test_steps_on_a_walk_are_close_to_the_sum_over_all_histories():
     assert abs(np.mean(errors)) < 0.2 and np.std(errors) < 0.5
 
 
+def with_every_age(y, dwell, sigma):
+    """Log-likelihood of a level with steps in white noise of 1, with one Gaussian for
+    every time of the last step; all of them together are the next one to step.
+    """
+    p, total = -np.expm1(-1.0 / dwell), 0.0
+    mean, variance, weight = np.zeros(1), np.zeros(1), np.ones(1)
+    for value in y:
+        both = weight @ mean
+        mean, variance, weight = (
+            np.append(mean, both), np.append(variance, weight @ (
+                variance + (mean - both)**2) + sigma**2), np.append(weight * (1 - p), p))
+        f, e = variance + 1.0, value - mean
+        own = weight * norm.pdf(e, 0.0, np.sqrt(f))
+        total += np.log(own.sum())
+        mean, variance, weight = (mean + variance / f * e, variance / f,
+                                  own / own.sum())
+        kept = (weight > 1e-9) | (np.arange(len(weight)) > len(weight) - 9)
+        mean, variance, weight = mean[kept], variance[kept], weight[kept]
+    return total
+
+
+@pytest.mark.parametrize("sigma", [0.7, 1.5, 5.0])
+def test_steps_that_one_sample_does_not_prove_are_seen_later(sigma):
+    rng, n, dwell = np.random.default_rng(7), 1500, 100.0
+    y = rng.standard_normal(n) + np.cumsum((rng.random(n) < 1.0 / dwell) * (
+        sigma * rng.standard_normal(n)))
+    own = member(Scene(y, 1.0, {}), sensorid.hypothesis("white_noise", sigma_v=1.0),
+                 "random_steps")
+    theta = np.array([[1.0, dwell, sigma], [1.0, 2.0 * dwell, sigma]])
+    told = filters.log_likelihoods(own, own.scene, (), theta)
+    exact = [with_every_age(y, *row[1:]) for row in theta]
+    assert_allclose(told, exact, atol=2.0)
+    assert_allclose(told[1] - told[0], exact[1] - exact[0], atol=0.7)
+
+
 def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
     scene, h, theta, C, seen = short
     solved = filters.solve(h, scene, (), theta)

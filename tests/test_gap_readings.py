@@ -130,7 +130,8 @@ def polled(y, rate, phase):
 
 @pytest.mark.parametrize("rate, lsb", [
     (0.67, 0.0), (0.5, 0.0), (1 / 3, 0.0), (0.104, 0.0), (0.98, 0.0), (0.9303, 0.0),
-    (0.67, 0.2), (0.5, 0.2), (0.104, 0.2), (0.9303, 0.2)])
+    (0.67, 0.2), (0.5, 0.2), (0.104, 0.2), (0.9303, 0.2), (0.9859, 0.1),
+    (0.9767, 0.06)])
 def test_a_sensor_that_is_polled_too_fast_has_its_rate_read(rate, lsb):
     rng = np.random.default_rng(5)
     y = np.cumsum(0.05 * rng.standard_normal(3000)) + 0.5 * rng.standard_normal(3000)
@@ -148,6 +149,14 @@ def test_a_sensor_that_is_polled_too_fast_has_its_rate_read(rate, lsb):
 
 
 @pytest.mark.large
+def test_a_dead_zone_repeats_nothing():
+    rng = np.random.default_rng(1)
+    y = rng.standard_normal(2000) + np.cumsum(0.02 * rng.standard_normal(2000))
+    y[np.abs(y) < 0.4] = 0.0
+    assert np.sum(np.diff(y) == 0.0) > 50
+    assert not readings.readings(Scene(y, DT, {}))
+
+
 def test_a_sensor_that_is_polled_too_fast_is_named_beside_its_noise():
     y = sensorid.simulate(MODEL[:1], DT, 2000, seed=8).error[0]
     onset = 8.0 * (np.arange(2000) >= 900)
