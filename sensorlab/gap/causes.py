@@ -14,12 +14,12 @@ from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
-from sensorlab.gap.filters import filter_of, log_likelihoods, predict, processes
+from sensorlab.gap.filters import filter_of, log_likelihoods, predict
 from sensorlab.gap.readings import NOISY, as_read, less_rounding
 from sensorlab.gap.screens import (
     FEW, LITTLE, SCREENS, change_of_drive, change_of_level, screened, usual_variance)
 from sensorlab.gap.signatures import families
-from sensorlab.gap.spectra import promise, residual_spectrum
+from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
 
 UNKNOWN = Effect("unknown")    # something that is in no catalogue
 
@@ -267,9 +267,9 @@ class _Inside(_Where):
         if effect.search not in BY_SPECTRA:
             return richer, np.nan
         richer, told = _promising(scene, start, richer, self.spectra)
-        if effect.search == "spectrum" and told < 0.0 and any(map(
-                _hardly_white, start.hypotheses, start.samples, self.spectra)):
-            # something else may stand for what passes a low-pass
+        if effect.search == "spectrum" and told < 0.0 and any(
+                hardly_white(h, scene, s.likeliest, seen) for h, s, seen in zip(
+                    start.hypotheses, start.samples, self.spectra)):
             told = max(told, _told_by_spectra(richer, scene, start))
         return richer, told
 
@@ -370,18 +370,6 @@ def _told_by_spectra(richer, scene, acc):
         return max(height - 0.5 * mean @ mean + 0.5 * np.linalg.slogdet(cov)[1]
                    for height, (mean, cov) in zip(ll, laws))
     return mean_evidence(side_by_side(of, range(len(richer)))) - acc.log_evidence
-
-
-MOSTLY_WHITE = 0.5    # of the variance of an innovation
-
-
-def _hardly_white(h, sample, seen):
-    """Is little of what a member cannot predict white noise, where it is likeliest and
-    has the spectrum `seen`?
-    """
-    own = processes(h, h.scene, sample.likeliest[None])
-    innovation = np.exp(np.average(np.log(seen.density), weights=seen.count))
-    return own.r[0, 0] < MOSTLY_WHITE * innovation
 
 
 FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each

@@ -229,6 +229,7 @@ def _gain_bands(first, last, power, density, count, shape, middles, variance, ga
 
 CANDIDATES = 512    # nodes of the new parameters of which the best are climbed from
 CLIMBED = 3         # of these
+SCATTERED = 8       # parameters, of which that many nodes may come near the best
 
 
 def posterior_law(h, scene, signatures, other, theta, known):
@@ -237,17 +238,15 @@ def posterior_law(h, scene, signatures, other, theta, known):
 
     Another member has its posterior about theta (p,): what it leaves of the record is
     white there, so that nothing leaks from one frequency to the next. `known` are these
-    coordinates of parameters by key, from which the search starts, and once from where
-    else it is likeliest: something may stand for what is new.
+    coordinates of parameters by key, from which the search starts; where something may
+    stand for what is new, from anywhere, too.
     """
     keys = [h.keys[c] for c in free_columns(h.parameters)]
     new = [axis for axis, key in enumerate(keys) if key not in known]
     anywhere = ndtri(LatinHypercube(max(len(keys), 1), rng=0).random(CANDIDATES))[
         :, :len(keys)]
-    near = anywhere.copy()
-    for axis, key in enumerate(keys):
-        if key in known:
-            near[:, axis] = known[key]
+    near, held = anywhere.copy(), np.setdiff1d(np.arange(len(keys)), new)
+    near[:, held] = [known[keys[axis]] for axis in held]
     seen = _binned(residual_spectrum(other, scene, signatures, theta), [
         _middle(one.values["frequency"], known.get((one.key, "frequency")))
         for one in h.effects if one.effect.search == "band"])
@@ -264,13 +263,38 @@ def posterior_law(h, scene, signatures, other, theta, known):
                 gain += p.log_ratio(theta[:, column])
         return np.where(np.isfinite(gain), gain, NOTHING) - 0.5 * (x**2).sum(1)
 
-    modes = []
-    for starts, times in ((near, CLIMBED), (anywhere, 1)) if new else ((near, 1),):
-        height = log_posterior(starts)
-        for _ in range(times):
-            modes.append(climb(log_posterior, starts[height.argmax()]))
-            height[((starts - starts[height.argmax()])**2).sum(1) < 1.0] = -np.inf
+    def best(x):
+        return x[log_posterior(x).argmax()]
+    starts, height = [], log_posterior(near)
+    for _ in range(CLIMBED if new else 0):
+        start = near[height.argmax()]
+        starts.append(climb(log_posterior, start, held)[0])
+        height[((near - start)**2).sum(1) < 1.0] = -np.inf
+    modes = [climb(log_posterior, best(np.array(starts)) if new else near[0])]
+    if len(keys) <= SCATTERED and _is_of_white(h, other) and hardly_white(
+            other, scene, theta, seen):
+        modes.append(climb(log_posterior, best(anywhere)))
     return modes[int(np.argmax([log_posterior(x[None])[0] for x, _ in modes]))]
+
+
+def _is_of_white(h, other):
+    """Has a member something that is told by spectra of white noise, that another has
+    not?
+    """
+    there = {one.key for one in other.effects}
+    return any(one.effect.search == "spectrum" and one.key not in there
+               for one in h.effects)
+
+
+MOSTLY_WHITE = 0.5    # of the variance of an innovation
+
+
+def hardly_white(h, scene, theta, seen):
+    """Is little of what a member cannot predict white noise at theta (p,), where it has
+    the spectrum `seen`? Then it stands for what passes a low-pass, say.
+    """
+    innovation = np.exp(np.average(np.log(seen.density), weights=seen.count))
+    return processes(h, scene, theta[None]).r[0, 0] < MOSTLY_WHITE * innovation
 
 
 def _middle(frequency, x):
