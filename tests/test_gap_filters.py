@@ -337,9 +337,9 @@ def with_every_age(y, dwell, sigma):
     mean, variance, weight = np.zeros(1), np.zeros(1), np.ones(1)
     for value in y:
         both = weight @ mean
-        mean, variance, weight = (
-            np.append(mean, both), np.append(variance, weight @ (
-                variance + (mean - both)**2) + sigma**2), np.append(weight * (1 - p), p))
+        spread = weight @ (variance + (mean - both)**2) + sigma**2
+        mean, variance, weight = (np.append(mean, both), np.append(variance, spread),
+                                  np.append(weight * (1 - p), p))
         f, e = variance + 1.0, value - mean
         own = weight * norm.pdf(e, 0.0, np.sqrt(f))
         total += np.log(own.sum())
