@@ -452,7 +452,8 @@ def test_a_ringing_may_last_as_long_as_a_burst():
     assert abs(mean - 330.0) < 3.0 * sd
 
 
-@pytest.mark.parametrize("name", ["bias_step", "ringing"])
+@pytest.mark.parametrize("name", [
+    "bias_step", pytest.param("ringing", marks=pytest.mark.large)])
 def test_what_happened_once_is_there_or_not_in_another_record(name):
     y, again = np.random.default_rng(11).standard_normal((2, 1500))
     t = np.arange(1500.0) - 600.0
@@ -465,7 +466,8 @@ def test_what_happened_once_is_there_or_not_in_another_record(name):
     assert sensorlab.diagnose(y, 1.0, model).verdict == "none"
 
 
-@pytest.mark.parametrize("sigma_w", [0.02, 0.1])
+@pytest.mark.parametrize("sigma_w", [
+    pytest.param(0.02, marks=pytest.mark.large), 0.1])
 def test_a_low_pass_is_seen_beside_a_walk(sigma_w):
     rng, tau = np.random.default_rng(1), 1.8
     w = rng.standard_normal(2600)

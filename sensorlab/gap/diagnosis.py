@@ -2,6 +2,7 @@
 that effect closes the gap.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing
 from sensorlab.gap.remainder import Remainder, parts, remainder
-from sensorlab.gap.search import Search, narrowed, search
+from sensorlab.gap.search import Search, beside_steps, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared
 from sensorlab.gap.verdict import (
     all_causes, names_all, names_in, needed_duration, unknown_error, verdict_of)
@@ -151,8 +152,10 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         return _described(full, done, before, measured)
 
     def sought(acc, path, effects):
-        return search(full, acc, path, effects, before, glanced,
-                      own.show if own else lambda *_: False)
+        again = functools.partial(search, full, acc, path, before=before,
+                                  glanced=glanced, shared=own.show if own else (
+                                      lambda *_: False))
+        return beside_steps(full, again(effects), again, effects)
     by = described(sought(start, found, effects))
     if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it
         nothing = by.search.after is before

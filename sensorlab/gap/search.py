@@ -103,6 +103,20 @@ def search(full, start, readings, effects, before, glanced, shared):
     return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left)
 
 
+def beside_steps(full, done, again, effects):
+    """A search, or the better one `again` without steps at random, if it has found some
+    and they leave something: they come near to whatever stays for a while.
+    """
+    if not done.account.member.steps or done.after.p_value >= LOOK_ON:
+        return done
+    other = again([e for e in effects if e.name != "random_steps"])
+
+    def worth(one):    # an effect is as likely as any other, or none
+        return one.account.log_evidence - sum(
+            np.log(len(effects)) + search_cost(f.effect, full) for f in one.path.found)
+    return max(done, other, key=worth)
+
+
 HELD_AGAINST = 12    # simulated records, fewer for a long record
 THEIR_SEED = 1
 
