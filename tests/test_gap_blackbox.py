@@ -54,6 +54,7 @@ def test_a_parameter_that_moved_leaves_no_gap_behind(known):
     assert d.verdict == "wrong_parameter" and d.remainder.where == -1
 
 
+@pytest.mark.large
 def test_a_process_at_an_end_of_its_range_does_not_stand_for_a_filter():
     # noise of which neighbours have a part in common, as after a short filter: a Markov
     # process cannot be as fast

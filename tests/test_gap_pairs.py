@@ -41,6 +41,7 @@ def test_two_signatures_are_not_taken_for_a_walk(names):
     assert alone.after.p_value > 0.01
 
 
+@pytest.mark.large
 def test_outliers_on_a_drift_are_no_random_steps():
     rng = np.random.default_rng(0)
     y = 0.05 * rng.standard_normal(1500) + 0.3 * rng.standard_normal(1500) * (

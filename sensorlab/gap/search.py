@@ -107,7 +107,7 @@ def beside_steps(full, done, again, effects):
     """A search, or the better one `again` without steps at random, if it has found some
     and they leave something: they come near to whatever stays for a while.
     """
-    if not done.account.member.steps or done.after.p_value >= LOOK_ON:
+    if "random_steps" not in done.path.effects or done.after.p_value >= LOOK_ON:
         return done
     other = again([e for e in effects if e.name != "random_steps"])
 
