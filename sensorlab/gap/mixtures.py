@@ -7,15 +7,15 @@ Lanes, and the steps of every recursion, are those of `kernels`.
 import numpy as np
 from numba import njit
 
-from sensorid import JIT, LOG_2PI
+from sensorid import JIT
 from sensorlab.gap.kernels import (
     KERNEL, LANES, drive, exponentials, groups, in_threads, lanes_for, load,
     observe_covariance, observe_state, turn, turn_covariance, update_covariance,
     update_state)
 from sensorlab.gap.steps import filter_steps
 from sensorlab.gap.unrolled import (
-    UNROLLED, UNROLLED_LEVELS, filter_levels, filter_outliers, lanes_of_group,
-    odd_and_log_score, probabilities_beside)
+    UNROLLED, UNROLLED_LEVELS, add_log_density, filter_levels, filter_outliers,
+    lanes_of_group, odd_and_log_score, probabilities_beside, weigh_kinds, weigh_updates)
 
 
 def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
@@ -147,14 +147,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
                     v_to[to, g] = f[g] + louder_to[to, g]
                 for g in range(of_level):
                     prior_to[to, g] = weight[g] * chance_to[to, g]
-            for kind in range(kinds):
-                for g in range(of_path):
-                    k = 1.0 / (v[g] + kind * wider[g])
-                    per_f[kind, g] = k
-                    half[kind, g] = 0.5 * k * e[g] * e[g]
-                for g in range(of_path):
-                    term[kind, g] = prior[g] * np.sqrt(per_f[kind, g]) * (
-                        rate[g] if kind else 1.0 - rate[g])
+            weigh_kinds(prior, rate, wider, e, v, per_f, half, term)
             # no sample is as far out for an outlier
             _least_of_paths(half_of[kinds - 1], least_of)
             for kind in range(kinds if levels == 2 else kinds - 1):
@@ -170,21 +163,10 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             for path in range(1, levels * levels):
                 for g in range(lanes):
                     mass[g] += here_of[path, g]
-            for g in range(lanes):
-                log_f[g] += seen[g] * (least[g] + 0.5 * LOG_2PI)
-                product[g] *= seen[g] * mass[g] + (1.0 - seen[g])
-            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
-                for g in range(lanes):
-                    log_f[g] -= np.log(product[g])
-                    product[g] = 1.0
+            add_log_density(seen, mass, least, i % 8 == 7 or i == N - 1, log_f, product)
+            weigh_updates(term, here, per_f, e, wild, gain, shrink)
             for g in range(of_path):
-                k, shrink[g] = per_f[0, g], per_f[0, g]
-                if kinds == 2:
-                    wild[g] = term[1, g] / here[g] if here[g] > 0.0 else 0.0
-                    apart_k = k - per_f[1, g]
-                    k -= wild[g] * apart_k
-                    shrink[g] = k - wild[g] * (1.0 - wild[g]) * (apart_k * e[g])**2
-                gain[g] = seen[g] * k * e[g]
+                gain[g] *= seen[g]
                 shrink[g] *= seen[g]
             if levels == 1:
                 update_state(x, Ph, gain)

@@ -10,12 +10,13 @@ Autom. Control 33, 1988). Lanes, and the steps of every recursion, are those of
 import numpy as np
 from numba import njit
 
-from sensorid import JIT, LOG_2PI
+from sensorid import JIT
 from sensorlab.gap.kernels import (
     KERNEL, drive, exponentials, load, observe_covariance, observe_state, turn,
     turn_covariance, update_covariance, update_state)
 from sensorlab.gap.unrolled import (
-    lanes_of_group, odd_and_log_score, probabilities_beside)
+    add_log_density, lanes_of_group, odd_and_log_score, probabilities_beside,
+    weigh_kinds, weigh_updates)
 
 LASTS = 1.0, 2.0, 4.0, 8.0, 16.0, 32.0    # samples, on average, that a step is of an
                                           # age; then it is old
@@ -89,14 +90,7 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, 
             observe_covariance(parts, pair, h, P, Ph, f)
             turn(parts, pair, x)
             observe_state(h, x, nu)
-            for kind in range(kinds):
-                for g in range(of_age):
-                    k = 1.0 / (f[g] + kind * wider[g])
-                    per_f[kind, g] = k
-                    half[kind, g] = 0.5 * k * nu[g] * nu[g]
-                for g in range(of_age):
-                    term[kind, g] = prior_of[g] * np.sqrt(per_f[kind, g]) * (
-                        rate[g] if kind else 1.0 - rate[g])
+            weigh_kinds(prior_of, rate, wider, nu, f, per_f, half, term)
             for g in range(lanes):
                 least[g] = half_of[0, 0, g]
             for kind in range(kinds):
@@ -118,21 +112,8 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, 
             for age in range(ages):
                 for g in range(lanes):
                     mass[g] += here_of[age, g]
-            for g in range(lanes):
-                log_f[g] += seen[g] * (least[g] + 0.5 * LOG_2PI)
-                product[g] *= seen[g] * mass[g] + (1.0 - seen[g])
-            if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
-                for g in range(lanes):
-                    log_f[g] -= np.log(product[g])
-                    product[g] = 1.0
-            for g in range(of_age):
-                k, shrink[g] = per_f[0, g], per_f[0, g]
-                if kinds == 2:
-                    wild[g] = term[1, g] / here[g] if here[g] > 0.0 else 0.0
-                    apart_k = k - per_f[1, g]
-                    k -= wild[g] * apart_k
-                    shrink[g] = k - wild[g] * (1.0 - wild[g]) * (apart_k * nu[g])**2
-                gain[g] = k * nu[g]
+            add_log_density(seen, mass, least, i % 8 == 7 or i == N - 1, log_f, product)
+            weigh_updates(term, here, per_f, nu, wild, gain, shrink)
             for age in range(ages):
                 for g in range(lanes):
                     gain_of[age, g] *= seen[g]

@@ -90,6 +90,51 @@ def probabilities_beside(rate, prior, per_f, e, score, beyond, told):
 
 
 @njit(**JIT)
+def weigh_kinds(prior, rate, wider, e, v, per_f, half, term):
+    """Of usual samples and of outliers, the first axis of per_f, half and term (kinds,
+    lanes), if there are two kinds: one over the variance of the innovation e, what its
+    exponent lacks to 0, and the density but for the exponential.
+    """
+    for kind in range(len(per_f)):
+        for g in range(len(e)):
+            k = 1.0 / (v[g] + kind * wider[g])
+            per_f[kind, g] = k
+            half[kind, g] = 0.5 * k * e[g] * e[g]
+        for g in range(len(e)):
+            term[kind, g] = prior[g] * np.sqrt(per_f[kind, g]) * (
+                rate[g] if kind else 1.0 - rate[g])
+
+
+@njit(**JIT)
+def add_log_density(seen, mass, least, due, log_f, product):
+    """The log density of a sample, where it is seen, added to log_f (lanes,); most of
+    it waits in `product` until one logarithm is `due` for many samples.
+    """
+    for g in range(len(mass)):
+        log_f[g] += seen[g] * (least[g] + 0.5 * LOG_2PI)
+        product[g] *= seen[g] * mass[g] + (1.0 - seen[g])
+    if due:
+        for g in range(len(mass)):
+            log_f[g] -= np.log(product[g])
+            product[g] = 1.0
+
+
+@njit(**JIT)
+def weigh_updates(term, here, per_f, e, wild, gain, shrink):
+    """By what a sample that is seen moves states and shrinks covariances, (lanes,), and
+    its probability of an outlier: those of both kinds as one Gaussian.
+    """
+    for g in range(len(e)):
+        k, shrink[g] = per_f[0, g], per_f[0, g]
+        if len(per_f) == 2:
+            wild[g] = term[1, g] / here[g] if here[g] > 0.0 else 0.0
+            apart = k - per_f[1, g]
+            k -= wild[g] * apart
+            shrink[g] = k - wild[g] * (1.0 - wild[g]) * (apart * e[g])**2
+        gain[g] = k * e[g]
+
+
+@njit(**JIT)
 def odd_and_log_score(here, wild, mass, least, weight, told):
     """The other rows of told: probability of an outlier, log density, and probability
     of the second level.
