@@ -515,9 +515,15 @@ def _with_best(inside, plain, rivals, signature, by_chance):
     Signatures were sought in the scene `plain`; `signature` gives that of a family, by
     its number; `by_chance` as for `further_causes`.
     """
-    scene, acc = inside.scene, inside.acc
+    scene, acc, known = inside.scene, inside.acc, {}
+
+    def account_with(one):
+        key = one.family, id(one.account)
+        if key not in known:    # by the filter with jumps it is dear
+            known[key] = _account_with(scene, plain, acc, one, signature)
+        return known[key]
     if plain is not scene:
-        _seen_by_jumps(scene, plain, acc, rivals, signature)
+        _seen_by_jumps(scene, acc, rivals, account_with)
     while True:
         prior, alone, share = _probabilities(acc, rivals)
         weighed = _Weighed(prior, alone, share, _grouped(rivals, share))
@@ -530,7 +536,7 @@ def _with_best(inside, plain, rivals, signature, by_chance):
             rivals[:] = [one for one in rivals if one.effect is not best.effect]
             rivals += inside.fitted(best.effect, 0.0, -np.inf)
             continue
-        chosen = _account_with(scene, plain, acc, best, signature)
+        chosen = account_with(best)
         gain = chosen.log_evidence - acc.log_evidence
         worth = best.log_bayes
         if plain is not scene and gain < max(
@@ -551,7 +557,7 @@ def _by_search(effect, scene):
     return searched * np.log(len(scene.y))
 
 
-def _seen_by_jumps(scene, plain, acc, rivals, signature):
+def _seen_by_jumps(scene, acc, rivals, account_with):
     """The best of the rivals that were sought where something stands in for jumps, a
     signature and a process, where the filter with jumps sees more of it.
     """
@@ -561,7 +567,7 @@ def _seen_by_jumps(scene, plain, acc, rivals, signature):
                    listed or one.account and one.effect.model)]
         k = max(own, key=lambda k: rivals[k].log_bayes, default=None)
         if k is not None:
-            chosen = _account_with(scene, plain, acc, rivals[k], signature)
+            chosen = account_with(rivals[k])
             worth = chosen.log_evidence - acc.log_evidence - _by_search(
                 rivals[k].effect, scene)
             if worth > rivals[k].log_bayes:
@@ -569,15 +575,20 @@ def _seen_by_jumps(scene, plain, acc, rivals, signature):
 
 
 def _account_with(scene, plain, acc, best, signature):
-    """The account with a rival in it."""
+    """The account with a rival in it, less well known where the filter with jumps sees
+    nothing of it.
+    """
+    floor = -np.inf if plain is scene else acc.log_evidence + _by_search(
+        best.effect, scene)
     if best.family:
         return account(scene, acc.bases, acc.hypotheses,
-                       (*acc.signatures, signature(best.family)[0]), acc.readings, acc)
+                       (*acc.signatures, signature(best.family)[0]), acc.readings, acc,
+                       floor)
     if plain is not scene and best.effect.model and not best.effect.jumps:
         return account(scene, acc.bases,
                        [h.joined(own.effects[-1]) for h, own in zip(
                            acc.hypotheses, best.account.hypotheses)],
-                       acc.signatures, acc.readings, acc)
+                       acc.signatures, acc.readings, acc, floor)
     return best.account
 
 
