@@ -360,8 +360,8 @@ def test_steps_that_one_sample_does_not_prove_are_seen_later(sigma):
     theta = np.array([[1.0, dwell, sigma], [1.0, 2.0 * dwell, sigma]])
     told = filters.log_likelihoods(own, own.scene, (), theta)
     exact = [with_every_age(y, *row[1:]) for row in theta]
-    assert_allclose(told, exact, atol=2.0)
-    assert_allclose(told[1] - told[0], exact[1] - exact[0], atol=0.7)
+    assert_allclose(told, exact, atol=1.2)
+    assert_allclose(told[1] - told[0], exact[1] - exact[0], atol=0.6)
 
 
 def test_backward_pass_gives_every_step_and_every_weighted_sum(short):

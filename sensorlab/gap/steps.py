@@ -2,8 +2,9 @@
 
 One sample rarely proves a step: which is the last one is decided once later samples
 have told. So one Gaussian is kept for every age that the last step may have, ages that
-are alike together (interacting multiple models; H. Blom, Y. Bar-Shalom, IEEE Trans.
-Autom. Control 33, 1988). Lanes, and the steps of every recursion, are those of
+are alike together, the more of them the longer ago (P. Fearnhead, Z. Liu, "On-line
+inference for multiple changepoint problems", J. R. Stat. Soc. B 69, 2007, keep every
+age, or drop the unlikely ones). Lanes, and the steps of every recursion, are those of
 `kernels`.
 """
 
@@ -18,9 +19,7 @@ from sensorlab.gap.unrolled import (
     add_log_density, lanes_of_group, odd_and_log_score, probabilities_beside,
     weigh_kinds, weigh_updates)
 
-LASTS = 1.0, 2.0, 4.0, 8.0, 16.0, 32.0    # samples, on average, that a step is of an
-                                          # age; then it is old
-OLD = len(LASTS)
+OLD = 6            # the oldest age; a younger one, k, has the steps of some 2^k samples
 RECENT = 4         # of these ages: steps up to some 15 samples ago
 LEAST_SHARE = 1e-12    # of an age: what comes to it must be more than rounding
 
@@ -78,7 +77,7 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, 
             if i == 0 or r.shape[1] > 1:
                 for g in range(of_age):
                     noise[g] = r[node[g], i]
-            _grow_older(weight, begin, x_of, P_of, prior, mean, spread)
+            _grow_older(i, weight, begin, x_of, P_of, prior, mean, spread)
             for age in range(ages):
                 for g in range(lanes):
                     nu_of[age, g] = value[g]
@@ -141,14 +140,16 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, 
 
 
 @njit(**JIT)
-def _grow_older(weight, begin, x, P, prior, mean, spread):
-    """States x (n, ages, lanes) and P (n, n, ages, lanes) of the ages at the next
-    sample, before it is predicted, and their probabilities `prior` (ages, lanes).
+def _grow_older(i, weight, begin, x, P, prior, mean, spread):
+    """States x (n, ages, lanes) and P (n, n, ages, lanes) of the ages at sample i,
+    before it is predicted, and their probabilities `prior` (ages, lanes).
 
     With the probability `begin` (lanes,) a step comes, whichever age the last one had:
-    all Gaussians together are the youngest one. Of the others some samples go on to the
-    next age. mean (n, lanes) and spread (n, n, lanes) are room to work in; loops over
-    ages, of which the number is known, are unrolled within those over lanes.
+    all Gaussians together are the youngest one. What was of an age k is of the next
+    from every sample on that 2^k divides, as in a binary counter: one Gaussian joins
+    that of the next age, those of younger ages have that to themselves. mean (n, lanes)
+    and spread (n, n, lanes) are room to work in; loops over ages, of which the number
+    is known, are unrolled within those over lanes.
     """
     n, _, lanes = x.shape
     for s in range(n):
@@ -167,26 +168,37 @@ def _grow_older(weight, begin, x, P, prior, mean, spread):
     for s in range(n):
         for g in range(lanes):
             mean[s, g] += x[s, OLD, g]
+    last, share = 0, prior[0]    # share of the older of two, until prior[0] is due
+    while last < OLD - 1 and i % 2**(last + 1) == 0:
+        last += 1
     for g in range(lanes):
-        for age in range(OLD, 0, -1):
-            stays = (1.0 - 1.0 / LASTS[age] if age < OLD else 1.0) * weight[age, g]
-            comes = weight[age - 1, g] / LASTS[age - 1]
-            prior[age, g] = (stays + comes) * (1.0 - begin[g])
-            weight[age, g] = stays / (stays + comes)
-        prior[0, g] = begin[g]
+        both = weight[last, g] + weight[last + 1, g]
+        share[g] = weight[last + 1, g] / both
+        weight[last + 1, g] = both
     for s in range(n):
         for t in range(s + 1):
             for g in range(lanes):
-                for age in range(OLD, 0, -1):
-                    stays, other = weight[age, g], P[s, t, age - 1, g]
-                    P[s, t, age, g] = other + stays * (
-                        P[s, t, age, g] - other + (1.0 - stays) * (
-                            x[s, age, g] - x[s, age - 1, g]) * (
-                            x[t, age, g] - x[t, age - 1, g]))
+                other = P[s, t, last, g]
+                P[s, t, last + 1, g] = other + share[g] * (
+                    P[s, t, last + 1, g] - other + (1.0 - share[g]) * (
+                        x[s, last + 1, g] - x[s, last, g]) * (
+                        x[t, last + 1, g] - x[t, last, g]))
+            for age in range(last, 0, -1):
+                for g in range(lanes):
+                    P[s, t, age, g] = P[s, t, age - 1, g]
+            for g in range(lanes):
                 P[s, t, 0, g] = spread[s, t, g]
     for s in range(n):
         for g in range(lanes):
-            for age in range(OLD, 0, -1):
-                other = x[s, age - 1, g]
-                x[s, age, g] = other + weight[age, g] * (x[s, age, g] - other)
+            other = x[s, last, g]
+            x[s, last + 1, g] = other + share[g] * (x[s, last + 1, g] - other)
+        for age in range(last, 0, -1):
+            for g in range(lanes):
+                x[s, age, g] = x[s, age - 1, g]
+        for g in range(lanes):
             x[s, 0, g] = mean[s, g]
+    for g in range(lanes):
+        for age in range(OLD, 0, -1):
+            own = weight[age - 1 if age <= last else age, g]
+            prior[age, g] = own * (1.0 - begin[g])
+        prior[0, g] = begin[g]
