@@ -364,6 +364,63 @@ def test_steps_that_one_sample_does_not_prove_are_seen_later(sigma):
     assert_allclose(told[1] - told[0], exact[1] - exact[0], atol=0.6)
 
 
+def with_every_switch(y, size, dwell, bias):
+    """Log densities (N,) of samples of telegraph noise in white noise of 1 with a bias
+    of this standard deviation, with one Gaussian for each level and every time of the
+    last switch; all of them of a level together are the next one to switch.
+    """
+    change, result = -0.5 * np.expm1(-2.0 / dwell), []
+    mean, variance = np.zeros(2), np.full(2, bias**2)
+    weight, level = np.full(2, 0.5), np.arange(2)
+    for i, value in enumerate(y):
+        parts = [(mean, variance, weight * (1.0 - change), level)]
+        for own in range(2):
+            w, at = weight * (level == own), level == own
+            share = w / w.sum()
+            both = share @ mean
+            spread = share @ (variance + (mean - both)**2)
+            parts.append(([both], [spread], [w.sum() * change], [1 - own]))
+            assert at.any()
+        mean, variance, weight, level = map(np.concatenate, zip(*parts))
+        f, e = variance + 1.0, value - mean - (level - 0.5) * size
+        own = weight * norm.pdf(e, 0.0, np.sqrt(f))
+        result.append(np.log(own.sum()))
+        mean, variance = mean + variance / f * e, variance / f
+        weight = np.maximum(own / own.sum(), 1e-200)
+        kept = (weight > 1e-8) | (np.arange(len(weight)) > len(weight) - 25)
+        mean, variance, weight, level = (part[kept] for part in (
+            mean, variance, weight, level))
+    return np.array(result)
+
+
+@pytest.mark.parametrize("size, dwell, seed", [(2.5, 300.0, 0), (1.0, 300.0, 0),
+                                               (5.0, 300.0, 4), (1.0, 50.0, 1)])
+def test_telegraph_is_known_as_well_where_the_bias_is_not(size, dwell, seed):
+    rng, n, bias = np.random.default_rng([seed, 5]), 3000, 3.0
+    switch = rng.random(n) < -0.5 * np.expm1(-2.0 / dwell)
+    level = (np.cumsum(switch) + rng.integers(2)) % 2 - 0.5
+    y = rng.standard_normal(n) + size * level + bias * rng.standard_normal()
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=bias)
+    own = member(Scene(y, 1.0, {}), h, "random_telegraph")
+    seen = filters.predict(own, own.scene, (), np.array([[1.0, dwell, size]]))
+    exact = with_every_switch(y, size, dwell, bias)
+    assert abs(seen.log_likelihood[0, 0] - exact.sum()) < 1.0
+    assert_allclose(seen.log_score[0, 0].sum(), seen.log_likelihood[0, 0], rtol=1e-9)
+    assert np.quantile(abs(seen.log_score[0, 0] - exact), 0.99) < 0.2
+
+
+def test_a_long_record_tells_by_its_head_at_which_level_it_begins():
+    rng, n = np.random.default_rng(3), 5 * mixtures.HEAD
+    level = np.cumsum(rng.random(n) < 0.005) % 2
+    theta = np.array([[1.0, 200.0, 2.0], [1.0, 100.0, 1.8], [1.0, 5e3, 0.1]])
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=3.0)
+    own = member(Scene(rng.standard_normal(n) + 2.0 * level, 1.0, {}), h,
+                 "random_telegraph")
+    assert_allclose(filters.log_likelihoods(own, own.scene, (), theta),
+                    filters.predict(own, own.scene, (), theta).log_likelihood[0],
+                    rtol=1e-10)
+
+
 def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
     scene, h, theta, C, seen = short
     solved = filters.solve(h, scene, (), theta)

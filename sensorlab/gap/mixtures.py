@@ -6,6 +6,7 @@ Lanes, and the steps of every recursion, are those of `kernels`.
 
 import numpy as np
 from numba import njit
+from scipy.special import logsumexp
 
 from sensorid import JIT
 from sensorlab.gap.kernels import (
@@ -16,6 +17,11 @@ from sensorlab.gap.steps import filter_steps
 from sensorlab.gap.unrolled import (
     UNROLLED, UNROLLED_LEVELS, add_log_density, filter_levels, filter_outliers,
     lanes_of_group, odd_and_log_score, probabilities_beside, weigh_kinds, weigh_updates)
+
+
+HEAD = 4000        # samples of a long record that mostly tell at which level it begins
+SURE_NATS = 30.0    # by which one of the two is the likelier there
+AT_ONCE = 2 * 10**6    # samples of records of which everything is told at once
 
 
 def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
@@ -35,7 +41,86 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
     One Gaussian per level is kept: after each sample, the two that have led to a level
     are merged (generalized pseudo-Bayes of second order; Chang and Athans, "State
     estimation for discrete systems with switching parameters", IEEE Trans. Aerosp.
-    Electron. Syst. 14, 1978). Of steps, see `steps`.
+    Electron. Syst. 14, 1978). Where levels are apart, a bias is another beneath each,
+    and one record begins at either: two filters, which are never merged. Of steps, see
+    `steps`.
+    """
+    second = jump[:, 0] / np.maximum(jump[:, 0] + jump[:, 1], 1e-300)
+    parts = H, own, pair, later, r, outlier, np.column_stack([jump, second]), moved
+    if not jump[:, 2].any():
+        return _filtered(y, *parts, out)
+    log_prior = np.log(np.column_stack([1.0 - second, second]))
+    R, M, (told, rows) = len(y), len(second), out.shape[1:3]
+    if not rows:
+        return logsumexp(_of_begins(y, parts, log_prior), axis=2)
+    total, at_once = np.empty((R, M)), max(AT_ONCE // y.shape[1], 1)
+    every = [(node, level) for node in range(M) for level in range(2)]
+    for first in range(0, R, at_once):
+        some = slice(first, first + at_once)
+        beside = np.full((len(y[some]), 2 * told, 5, y.shape[1]), np.nan)
+        either = _from(every, y[some], parts, beside).reshape(-1, M, 2) + log_prior
+        total[some] = logsumexp(either, axis=2)
+        for node in range(told):
+            out[some, node] = _either(beside[:, 2 * node:2 * node + 2], log_prior[
+                node])[:, :rows]
+    return total
+
+
+def _of_begins(y, parts, log_prior):
+    """Log-likelihoods (R, M, 2) of records that begin at either level, and that they
+    do; of one long record, most nodes are sure by its head of one.
+    """
+    R, M = len(y), len(log_prior)
+    every = [(node, level) for node in range(M) for level in range(2)]
+    if R > 1 or y.shape[1] <= 4 * HEAD:
+        return _from(every, y, parts).reshape(R, M, 2) + log_prior
+    H, own, pair, later, r, *rest = parts
+    head = H[:HEAD], own, pair, later, r[:, :HEAD], *rest
+    result = _from(every, y[:, :HEAD], head).reshape(1, M, 2) + log_prior
+    likelier, behind = result[0].argmax(1), np.ptp(result[0], axis=1)
+    left = [(node, level) for node, level in every
+            if level == likelier[node] or behind[node] < SURE_NATS]
+    at = tuple(np.transpose(left))
+    result[:] = -np.inf
+    result[0][at] = _from(left, y, parts)[0] + log_prior[at]
+    return result
+
+
+def _from(begins, y, parts, out=None):
+    """Log-likelihoods (R, B) at some nodes of records that begin at some level, for
+    pairs of both; `out` as for `mixture_filters`, of these.
+    """
+    H, own, pair, later, r, outlier, jump, moved = parts
+    node, level = np.transpose(begins)
+    jump = jump[node]
+    jump[:, 5] = level
+    if out is None:
+        out = np.empty((len(y), len(node), 0, y.shape[1]))
+    return _filtered(y, H, own[:, node], pair, later[node] if len(later) else later,
+                     r[node], outlier[node], jump, moved, out)
+
+
+def _either(told, log_prior):
+    """What is told (R, 5, N) of records by two filters (R, 2, 5, N) of which one is
+    right, of these probabilities (2,).
+    """
+    log_score = np.nan_to_num(told[:, :, 3])
+    after = log_prior[:, None] + np.cumsum(log_score, axis=2)
+    before = np.concatenate([np.broadcast_to(log_prior[:, None], (len(told), 2, 1)),
+                             after[:, :, :-1]], axis=2)
+    own = np.exp(before - logsumexp(before, axis=1, keepdims=True))
+    then = np.exp(after - logsumexp(after, axis=1, keepdims=True))
+    result = np.empty_like(told[:, 0])
+    result[:, :2] = np.einsum("rln,rlkn->rkn", own, told[:, :, :2])
+    result[:, 2] = np.einsum("rln,rln->rn", then, told[:, :, 2])
+    result[:, 3] = logsumexp(before + told[:, :, 3], axis=1) - logsumexp(before, axis=1)
+    result[:, 4] = np.einsum("rln,rln->rn", then, told[:, :, 4])
+    return result
+
+
+def _filtered(y, H, own, pair, later, r, outlier, jump, moved, out):
+    """`mixture_filters` of records that begin at the second level with the probability
+    jump (M, 6) has last.
     """
     total = np.empty((len(y), own.shape[1]))
     levels = 2 if jump[:, 2:4].max() > 0.0 else 1
@@ -81,8 +166,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             if levels == 2:
                 to, start, change = g // of_level, g // lanes % 2, jump[at]
                 chance[g] = change[start] if to != start else 1.0 - change[start]
-                weight[g % of_level] = change[1 - start] / (
-                    change[0] + change[1])    # as long after it began
+                weight[g % of_level] = change[5] if start else 1.0 - change[5]
                 offset[g], louder[g] = (2 * to - 1) * change[2], to * change[3]
         parts, P = np.empty((6, n, of_level)), np.empty((n, n, of_level))
         load(own, pair, node, parts, P)

@@ -340,10 +340,10 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, out, tot
                     k = 8 * n + level * n * n + s * n
                     node[(k + pair[s]) * LANES + g] = own[5, at[g], s]
                     node[(k + s) * LANES + g] = own[4, at[g], s]
-            starts, ends, half, louder, _ = jump[at[g]]
+            starts, ends, half, louder, _, second = jump[at[g]]
             law = (1.0 - starts, ends, starts, 1.0 - ends, -half, half, 0.0, louder,
-                   ends / (starts + ends), starts / (starts + ends))
-            for k in range(len(law)):    # as long after the level began
+                   1.0 - second, second)
+            for k in range(len(law)):
                 node[(v + CHANCE + k) * LANES + g] = law[k]
             node[(v + PRODUCT) * LANES + g] = 1.0
         for i in range(N):
