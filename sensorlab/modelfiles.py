@@ -54,6 +54,7 @@ def read_model(file, dt=None):
         if len(set(names)) < len(names):
             raise ValueError(f"hypotheses of the same name among {', '.join(names)}: "
                              "give each a \"label\" of its own")
+        _check_frequencies(pairs, float(tree["dt"]))
     except ValueError as wrong:
         raise ValueError(f"{file}: {wrong}") from None
     hypotheses, effects = zip(*pairs)
@@ -94,6 +95,19 @@ def _hypothesis_from(where, entry, tree):
             raise ValueError(f"{where}.effects[{k}]: {part['name']} is there twice: "
                              "once is all that it can be")
     return h, tuple(effects)
+
+
+def _check_frequencies(pairs, dt):
+    """Refuse what a record of this sampling interval can only show as an alias."""
+    for _, effects in pairs:
+        for one in effects:
+            f = one.values.get("frequency", 0.0)
+            f = f.low if isinstance(f, Parameter) else f
+            if f > 0.5 / dt:
+                raise ValueError(
+                    f"{one.name} of {f:g} Hz is above half the sampling rate of "
+                    f"{1.0 / dt:g} Hz: a record shows its alias, give "
+                    f"{abs(f - round(f * dt) / dt):g} Hz")
 
 
 def _prior(value):

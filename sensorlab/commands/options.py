@@ -219,6 +219,10 @@ def parser():
     length.add_argument("--like", type=_file, metavar="RECORD",
                         help="as long as this record, and with its gaps")
     _record_options(three)
+    three.add_argument("--covariates", metavar="NAMES",
+                       help="where columns that the effects need are in this record, "
+                            "NAME=COLUMN, comma-separated, such as "
+                            "temperature=temp_degC")
     three.add_argument("--records", type=_count, default=1, metavar="L",
                        help="records (default 1)")
     three.add_argument("--seed", type=_seed, default=0,

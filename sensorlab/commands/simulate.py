@@ -22,13 +22,13 @@ def run(options):
                      for one in effects} - {""})
     if options.like:
         options.record = options.like
-        like = read(options, model, beside=needed)
+        like = read(options, model, beside=_placed(needed, options.covariates))
         scene = Scene(like.error, model.dt, like.columns)
         check_columns(like.error, like.columns)
         check_memory(len(like.error), options.records)
     else:
-        refuse_unused(options, *(name for name in RECORDED if name != "dt"),
-                      why="goes with --like: no record is read here")
+        refuse_unused(options, "covariates", *(
+            name for name in RECORDED if name != "dt"), why="goes with --like: no record is read here")
         refuse_interval(options.model, model, options.dt)
         if needed:
             raise ValueError(f"the effects of {options.model} need the column"
@@ -43,3 +43,14 @@ def run(options):
         stream, error=trials.error, dt=model.dt, hypothesis=names[trials.hypothesis],
         theta=trials.theta))
     print(f"{options.out}: error {trials.error.shape}, dt {model.dt:g} s")
+
+
+def _placed(needed, covariates):
+    """Names of columns that are needed, as NAME=COLUMN where a list says so."""
+    asked = [part for part in (covariates or "").split(",") if part]
+    placed = {part.partition("=")[0].strip(): part for part in asked}
+    for name in placed:
+        if name not in needed:
+            raise ValueError(f"--covariates {placed[name]}: the effects of the model "
+                             f"need {', '.join(needed) or 'no column'}")
+    return [placed.get(name, name) for name in needed]

@@ -97,7 +97,6 @@ class _Rival(NamedTuple):
 
 LISTED_FROM = 0.01  # probability from which on a cause is worth its parameters, which
                     # cost a long record more
-SEEN = 0.5          # of ln B beside what stands in for jumps, that jumps must leave
 PRIOR_NONE = 0.5    # that nothing is missing
 PRIOR_LAST = 0.75   # that nothing more is: a second effect is half as likely as a first
 SIMPLER = 1.0 / 3.0    # of the prior of an effect that has a simpler one within it,
@@ -121,7 +120,7 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
     @functools.cache
     def signature(number):
         return estimate_signature(plain, reference, listed[number - 1], samples, number)
-    weighed, chosen = _with_best(inside, plain, rivals, signature, by_chance)
+    weighed, chosen = _with_best(inside, plain, reference, rivals, signature, by_chance)
     prior, alone, share, groups = weighed
     error = _errors(alone, share, groups, np.array([
         _error(rival, acc, samples) for rival in rivals]))
@@ -507,23 +506,28 @@ class _Weighed(NamedTuple):
         return max(self.groups, key=lambda own: self.share[own].sum())[0]
 
 
-def _with_best(inside, plain, rivals, signature, by_chance):
+def _with_best(inside, plain, reference, rivals, signature, by_chance):
     """`_Weighed` of the rivals, and the account with the best in it, or None where none
     is as probable. What proves to be worth less or more on the way is so among the
     rivals, too.
 
-    Signatures were sought in the scene `plain`; `signature` gives that of a family, by
-    its number; `by_chance` as for `further_causes`.
+    Signatures were sought in the scene `plain`, of which `reference` is the account;
+    `signature` gives that of a family, by its number; `by_chance` as for
+    `further_causes`.
     """
     scene, acc, known = inside.scene, inside.acc, {}
 
     def account_with(one):
+        """The account with a rival, and ln B of it by that."""
         key = one.family, id(one.account)
         if key not in known:    # by the filter with jumps it is dear
-            known[key] = _account_with(scene, plain, acc, one, signature)
+            none = acc.log_evidence + (0.0 if plain is scene or not one.family else
+                                       _searched(plain, reference, one, signature))
+            new = _account_with(scene, plain, acc, one, signature, none)
+            known[key] = new, new.log_evidence - none
         return known[key]
     if plain is not scene:
-        _seen_by_jumps(scene, acc, rivals, account_with)
+        _seen_by_jumps(rivals, account_with)
     while True:
         prior, alone, share = _probabilities(acc, rivals)
         weighed = _Weighed(prior, alone, share, _grouped(rivals, share))
@@ -536,13 +540,9 @@ def _with_best(inside, plain, rivals, signature, by_chance):
             rivals[:] = [one for one in rivals if one.effect is not best.effect]
             rivals += inside.fitted(best.effect, 0.0, -np.inf)
             continue
-        chosen = account_with(best)
-        gain = chosen.log_evidence - acc.log_evidence
-        worth = best.log_bayes
-        if plain is not scene and gain < max(
-                np.log(len(rivals)) + search_cost(best.effect, scene), SEEN * worth):
-            # what stood in for the jumps misled: what the filter with jumps sees counts
-            worth = min(worth, gain - _by_search(best.effect, scene))
+        chosen, worth = account_with(best)
+        # what stood in for the jumps may mislead
+        worth = best.log_bayes if plain is scene else min(best.log_bayes, worth)
         if by_chance:
             worth -= by_chance(best.effect)
         if worth == best.log_bayes:
@@ -550,14 +550,15 @@ def _with_best(inside, plain, rivals, signature, by_chance):
         rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=worth)
 
 
-def _by_search(effect, scene):
-    """What the best of all signatures of an effect gains by chance, nats; 0 of others.
+def _searched(plain, reference, rival, signature):
+    """How much less a signature is worth on average, over where its onset and the like
+    may be, than where they are likeliest, nats; where it was sought, this is known.
     """
-    searched = len(effect.parameters(scene)) if effect.columns else 0
-    return searched * np.log(len(scene.y))
+    there = with_signature(plain, reference, signature(rival.family)[0])
+    return max(there.log_evidence - reference.log_evidence - rival.log_bayes, 0.0)
 
 
-def _seen_by_jumps(scene, acc, rivals, account_with):
+def _seen_by_jumps(rivals, account_with):
     """The best of the rivals that were sought where something stands in for jumps, a
     signature and a process, where the filter with jumps sees more of it.
     """
@@ -567,29 +568,30 @@ def _seen_by_jumps(scene, acc, rivals, account_with):
                    listed or one.account and one.effect.model)]
         k = max(own, key=lambda k: rivals[k].log_bayes, default=None)
         if k is not None:
-            chosen = account_with(rivals[k])
-            worth = chosen.log_evidence - acc.log_evidence - _by_search(
-                rivals[k].effect, scene)
+            chosen, worth = account_with(rivals[k])
             if worth > rivals[k].log_bayes:
                 rivals[k] = rivals[k]._replace(chosen=chosen, log_bayes=worth)
 
 
-def _account_with(scene, plain, acc, best, signature):
-    """The account with a rival in it, less well known where the filter with jumps sees
-    nothing of it.
+def _account_with(scene, plain, acc, best, signature, none):
+    """The account with a rival in it; a filter with jumps to which it is worth no more
+    than `none` knows it less well.
     """
-    floor = -np.inf if plain is scene else acc.log_evidence + _by_search(
-        best.effect, scene)
+    floor = -np.inf if plain is scene else none
     if best.family:
-        return account(scene, acc.bases, acc.hypotheses,
-                       (*acc.signatures, signature(best.family)[0]), acc.readings, acc,
-                       floor)
+        return with_signature(scene, acc, signature(best.family)[0], floor)
     if plain is not scene and best.effect.model and not best.effect.jumps:
         return account(scene, acc.bases,
                        [h.joined(own.effects[-1]) for h, own in zip(
                            acc.hypotheses, best.account.hypotheses)],
                        acc.signatures, acc.readings, acc, floor)
     return best.account
+
+
+def with_signature(scene, acc, one, floor=-np.inf):
+    """An account with one more signature; `floor` as for `account`."""
+    return account(scene, acc.bases, acc.hypotheses, (*acc.signatures, one),
+                   acc.readings, acc, floor)
 
 
 def estimated_together(full, acc, path):
@@ -755,7 +757,7 @@ def _with_wrong_sizes(scene, acc, effect):
         if gain <= 0.0:
             continue
         w = np.exp(beyond - beyond.max())
-        factor = A / np.clip(A, least, most)
+        factor = A / _reference(A, least, most, 0.5 * (least + most))
         mean = w @ factor / w.sum()
         name = f"{s.found.name}.{s.found.effect.size}"
         loose = (*acc.signatures[:number], s._replace(gain=gain),
@@ -912,14 +914,18 @@ def _pulled(wide, p, sample, column, scene, signatures):
 NARROW = np.e    # ends of a range about a number: it is this that may be wrong
 
 
-def _factor(key, hypotheses, wide):
-    """A parameter over what hypotheses have, mean and sd: over the middle of a narrow
-    range, or the nearest end of a wide one.
+def _reference(value, low, high, mean):
+    """What a factor is over: the mean of a narrow range, or the nearest end of a wide
+    one.
     """
+    return mean if 0.0 < high < NARROW * low else np.clip(value, low, high)
+
+
+def _factor(key, hypotheses, wide):
+    """A parameter over what hypotheses have, mean and sd."""
     column = _column(wide.member, key)
     if column is None:
         return 1.0, 0.0
     p, mean = hypotheses[wide.best].parameters[column], wide.sample.mean[column]
-    narrow = 0.0 < p.high < NARROW * p.low
-    reference = p.mean if narrow else np.clip(mean, p.low, p.high) or 1.0
+    reference = _reference(mean, p.low, p.high, p.mean) or 1.0
     return float(mean / reference), float(wide.sample.sd()[column] / reference)

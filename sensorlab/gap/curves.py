@@ -128,7 +128,7 @@ def _slow_processes(d):
                     )
     return [(_own_name(one), _times_covariance(w, a[k], q[k], p0[k]))
             for one, low, high in zip(h.effects[first:], ends[:-1], ends[1:])
-            for k in range(low, high) if a[k] > np.exp(-1.0 / SLOW)]
+            for k in range(low, high) if a[k].real > np.exp(-1.0 / SLOW)]
 
 
 def _own_name(one):
@@ -138,10 +138,12 @@ def _own_name(one):
 
 
 def _times_covariance(w, a, q, p0):
-    """C w of a process x_i = a x_(i-1) + N(0, q), x_0 of variance p0: C = L D L'."""
+    """C w of a process x_i = a x_(i-1) + N(0, q), x_0 of variance p0: C = L D L'; of a
+    complex one what is real, as its conjugate adds the rest.
+    """
     back = lfilter([1.0], [1.0, -a], w[::-1])[::-1] * q
     back[0] *= (a * a * p0 + q) / q if q else 0.0
-    return lfilter([1.0], [1.0, -a], back)
+    return lfilter([1.0], [1.0, -a], back).real
 
 
 def _odd(d):

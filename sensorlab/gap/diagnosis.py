@@ -339,7 +339,8 @@ def _without_known(simulator, raw, latent=None, centred=False):
         if one.column and one.column not in raw.columns:
             raise ValueError(f"{one.name} of the simulator needs a column {one.column}:"
                              " beside the error is "
-                             f"{', '.join(raw.columns) or 'nothing'}")
+                             f"{', '.join(raw.columns) or 'nothing'} (--covariates "
+                             f"{one.column}=COLUMN says which it is)")
         size, phase = (one.values.get(key) for key in (one.effect.size, "phase"))
         if any(getattr(p, "free", False) for p in one.values.values()):
             free.append(_of_unknown_size(raw, one))

@@ -11,7 +11,7 @@ import numpy as np
 
 from sensorid import brief
 from sensorlab.gap.account import account, gaussian
-from sensorlab.gap.causes import further_causes
+from sensorlab.gap.causes import further_causes, with_signature
 from sensorlab.gap.effects import Found
 from sensorlab.gap.filters import Signature, filter_of
 from sensorlab.gap.kernels import row_products
@@ -42,7 +42,8 @@ def best_pair(scene, acc, causes, effects, describes):
         return None
     forms, pairs = [e for e in effects if e.columns], []
     for signature in _starts(scene, acc, forms, best.log_bayes):
-        pairs += _ever_better(scene, acc, _with(scene, acc, signature), forms, forms)
+        pairs += _ever_better(scene, acc, with_signature(scene, acc, signature), forms,
+                              forms)
     jumps = bool(best.found[0].effect.jumps) and not (
         acc.member.has_jumps or describes())
     some = [e for e in effects if not e.factor] if jumps else forms
@@ -70,16 +71,10 @@ def _worth(pair):
     return pair[1]
 
 
-def _with(scene, acc, signature):
-    """An account with one more signature."""
-    return account(scene, acc.bases, acc.hypotheses, (*acc.signatures, signature),
-                   acc.readings, acc)
-
-
 def _with_last(scene, acc, other):
     """An account with what was the last to come into another, richer one."""
     if len(other.signatures) > len(acc.signatures):
-        return _with(scene, acc, other.signatures[-1])
+        return with_signature(scene, acc, other.signatures[-1])
     return account(scene, acc.bases, [
         h.joined(own.effects[-1]) for h, own in zip(acc.hypotheses, other.hypotheses)
     ], acc.signatures,

@@ -77,7 +77,8 @@ def _of_another(groups, channel, wanted, own):
     except ValueError as problem:
         raise ValueError(
             f"no column {wanted!r} of {len(channel.values)} numbers beside "
-            f"{channel.name}; there are {', '.join(own) or 'none'}"
+            f"{channel.name}; there are {', '.join(own) or 'none'} (--covariates "
+            "NAME=COLUMN says which it is)"
             + (f"; in other topics: {problem}" if len(groups) > 1 else "")) from None
     t, s = (_times(c) for c in (channel, other))
     x, order = other.values.astype(float), np.argsort(s, kind="stable")
