@@ -194,6 +194,7 @@ def test_what_drifts_returns_or_lags_is_named(effect):
     ("narrow_band_noise", "", dict(frequency=0.19, tau=20.0, sigma=0.4)),
     ("bandwidth", "second order", dict(tau=0.7)),
     ("bandwidth", "digital", dict(tau=1.5)),
+    ("bandwidth", "digital first order", dict(tau=1.5)),
     ("blue_noise", "", dict(tau=1.0, sigma=0.8)), *(
         pytest.param(*one, marks=pytest.mark.large) for one in (
             ("narrow_band_noise", "", dict(frequency=0.02, tau=100.0, sigma=0.5)),

@@ -53,13 +53,13 @@ def butterworth(tau, times):
     return result
 
 
-def bilinear(tau, samples):
+def bilinear(tau, samples, order=2):
     """What white noise becomes by SciPy's digital Butterworth filter, but for zeros
     which are not quite at half the rate of one a second: the response (N, N) to each of
     its values.
     """
-    b, a = butter(2, 1.0 / (np.pi * tau))
-    zeros = np.poly([-ZERO, -ZERO])
+    b, a = butter(order, 1.0 / (np.pi * tau))
+    zeros = np.poly(order * [-ZERO])
     return lfilter(b.sum() / zeros.sum() * zeros, a, np.eye(samples), axis=0)
 
 
@@ -67,7 +67,7 @@ def bilinear(tau, samples):
     ("random_walk", ""), ("correlated_noise", ""), ("bias_instability", ""),
     ("narrow_band_noise", ""), ("bandwidth", "first order"), ("blue_noise", ""),
     ("bandwidth", "second order"), ("bandwidth", "digital"), ("noise_step", ""),
-    ("walk_step", "")])
+    ("bandwidth", "digital first order"), ("walk_step", "")])
 def test_processes_have_the_covariance_that_is_written(name, variant):
     scene = Scene(np.zeros(200), DT, {})
     h = member(scene, MODEL[1]).with_effect(CATALOGUE[name], variant)
@@ -92,6 +92,8 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
             2.0, np.ones(200))),
         ("bandwidth", "digital"): ((2.0,), base + 0.16 * (
             bilinear(2.0, 400) @ bilinear(2.0, 400).T)[200:, 200:]),
+        ("bandwidth", "digital first order"): ((2.0,), base + 0.16 * (
+            bilinear(2.0, 400, 1) @ bilinear(2.0, 400, 1).T)[200:, 200:]),
         ("blue_noise", ""): ((2.0, 0.6), base + 0.16 * eye + 0.36 * 0.5 * (
             1.0 + a) * shaped([1.0, -1.0], [1.0, -a], lag)),
         ("noise_step", ""): ((120.0, 3.0), base + 0.16 * eye * np.where(

@@ -177,7 +177,8 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
     assert_allclose(p.log_likelihood[0, 0], np.log(total), rtol=1e-10)
 
 
-@pytest.mark.parametrize("variant", ["second order", "digital"])
+@pytest.mark.parametrize("variant", [
+    "second order", "digital", "digital first order"])
 @pytest.mark.parametrize("name, own", [("random_telegraph", (4.0, 1.5)),
                                        ("noise_bursts", (7.0, 3.0, 1.5))])
 def test_a_level_beside_states_whose_noises_are_correlated(name, own, variant):
@@ -216,7 +217,8 @@ def test_bursts_of_noise_in_white_noise_are_a_hidden_markov_chain():
                     rtol=1e-9)
 
 
-@pytest.mark.parametrize("variant", ["second order", "digital"])
+@pytest.mark.parametrize("variant", [
+    "second order", "digital", "digital first order"])
 def test_processes_of_two_states_are_those_of_the_dense_gaussian(variant):
     y = np.random.default_rng(2).standard_normal(60)
     y[20:25] = np.nan
@@ -236,7 +238,7 @@ def test_processes_of_two_states_are_those_of_the_dense_gaussian(variant):
                     np.linalg.solve(C, y), rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.parametrize("variant", ["first order", "second order", "digital"])
+@pytest.mark.parametrize("variant", CATALOGUE["bandwidth"].variants)
 def test_what_is_low_passed_may_change_its_variance(variant):
     scene = Scene(np.random.default_rng(2).standard_normal(60), DT, {})
     h = member(scene, MODEL[1], "noise_step").with_effect(CATALOGUE["bandwidth"],

@@ -243,7 +243,7 @@ NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at z
 
 def _bandwidth(scene, filt, tau, variant=""):
     """The white noise passes a low-pass of unit gain at rest, of first order or of
-    second (Butterworth), or a digital one (the bilinear transform of the latter).
+    second (Butterworth), or a digital one (the bilinear transform of either).
     """
     rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[..., :1]
     if filt.Psi.shape[-1] > 1:    # it changes, and so does what drives the low-pass
@@ -254,6 +254,8 @@ def _bandwidth(scene, filt, tau, variant=""):
             own, change[..., None, None], 1.0))
     if variant == "digital":
         return _added(rest, _digital(scene.dt / tau, white))
+    if variant == "digital first order":
+        return _added(rest, _digital_of_first_order(scene.dt / tau, white))
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
@@ -300,6 +302,27 @@ def _digital(cut_off, white):
         _matrices([c, 1.0, 0.0], [d, 0.0, 0.0], [0.0, 0.0, 0.0]),
         _matrices(*([part * white] for part in (b1, b2, b0))),
         np.array([[1.0, 0.0, 1.0]]), np.zeros(1), np.zeros(3),
+        _matrices(*([part * white**2 for part in row] for row in P0))[..., 0, :, :])
+
+
+LEAST_POLE = 1e-4    # for less, of the pole: at zero it is that of the white noise
+
+
+def _digital_of_first_order(cut_off, white):
+    """`_digital` of a filter of first order, b (1 + ZERO / z) / (1 - c / z): b0 w and a
+    state that w drives by b1.
+    """
+    K = np.tan(np.minimum(0.5 * cut_off, MOST_WARPED))
+    b, c = 2.0 * K / (1.0 + K) / (1.0 + ZERO), (1.0 - K) / (1.0 + K)
+    c = np.where(np.abs(c) < LEAST_POLE, LEAST_POLE, c)
+    b0 = -b * ZERO / c
+    b1 = b - b0
+    # 1 - c^2 of a slow one is too small to be a difference
+    P0 = [[b1**2 * (1.0 + K)**2 / (4.0 * K), b0 * b1], [b0 * b1, b0**2]]
+    return ShapingFilter(
+        _matrices([c, 0.0], [0.0, 0.0]),
+        _matrices(*([part * white] for part in (b1, b0))),
+        np.array([[1.0, 1.0]]), np.zeros(1), np.zeros(2),
         _matrices(*([part * white**2 for part in row] for row in P0))[..., 0, :, :])
 
 
@@ -799,13 +822,13 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="sinusoid where tau is long, correlated noise where it is short",
            experiment="damp vibration; an alias moves with the sampling rate"),
     Effect("bandwidth", model=_bandwidth, elementwise=True, search="spectrum",
-           variants=("first order", "second order", "digital"),
-           uneven=(("digital", "second order"),),
+           variants=("first order", "second order", "digital", "digital first order"),
+           uneven=(("digital", "second order"), ("digital first order", "first order")),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
            equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
-                    "+ sqrt(2) tau dV/dt = v - V, of which digital is the bilinear "
-                    "transform that keeps the cut-off 1 / (2 pi tau), if v does not "
-                    "change; tau in s",
+                    "+ sqrt(2) tau dV/dt = v - V, of which digital (of second order, "
+                    "or first) is the bilinear transform that keeps the cut-off "
+                    "1 / (2 pi tau), if v does not change; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("blue_noise", model=_blue_noise, elementwise=True, search="spectrum",
            parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),

@@ -290,13 +290,17 @@ class _Refit(NamedTuple):
                                    number)[1]), range(0, moved, block))))
             return s.mean(0) - real + prior @ ((at - fit) / step), (
                 prior + np.cov(s.T).reshape(len(free), -1))
-        truth[free] = _root(missed, starts, step, MOVES if self.setting.misled else 4)
+        # one outside of its ranges is another simulator
+        ends = np.array([(p.low, p.high) for p in acc.member.parameters])[free].T
+        truth[free] = _root(missed, starts, step, MOVES if self.setting.misled else 4,
+                            ends)
         return truth
 
 
-def _root(missed, starts, step, moves):
+def _root(missed, starts, step, moves, ends=(-np.inf, np.inf)):
     """Where `missed` (d,), of which it gives slopes (d, d) by steps as well, is about
-    zero: C. G. Broyden's method (Math. Comp. 19, 1965), from the best point so far.
+    zero, between two ends: C. G. Broyden's method (Math. Comp. 19, 1965), from the best
+    point so far.
     """
     def length(off, metric):
         try:
@@ -304,6 +308,7 @@ def _root(missed, starts, step, moves):
         except np.linalg.LinAlgError:    # nothing tells one simulator from another
             return np.inf
         return np.sqrt(square) if np.isfinite(square) else np.inf    # no such simulator
+    starts = [np.clip(at, *ends) for at in starts]
     best, at_best, metric = min(((at, *missed(at)) for at in starts),
                                 key=lambda one: length(*one[1:]))
     slope, least, bound = metric, length(at_best, metric), BOUND
@@ -315,9 +320,11 @@ def _root(missed, starts, step, moves):
         if not taken > 0.0:    # nowhere to go
             break
         move *= min(1.0, bound / taken)
-        at = np.maximum(best + move * step, 0.5 * best)
-        off, _ = missed(at)
+        at = np.clip(np.maximum(best + move * step, 0.5 * best), *ends)
         moved = (at - best) / step
+        if not moved.any():
+            break
+        off, _ = missed(at)
         slope = slope + np.outer(off - at_best - slope @ moved, moved) / (moved @ moved)
         missing = length(off, metric)
         if missing == np.inf:

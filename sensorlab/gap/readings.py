@@ -364,6 +364,7 @@ REGULAR = 0.75     # of the samples that a rate repeats are equal, if it is one:
 HARMONICS = 3      # of the rate that the largest line may be
 A_LINE = 3.0       # nats that a line has over the largest of noise
 MOST_TIES = 20000  # in which a rate is sought
+ONE_TURN = 1e-7    # turns: one and the same
 FINE = 20          # parts of the arc to which a rate is found over the record
 
 
@@ -420,7 +421,8 @@ def _arc(ties, rate):
     """
     turns = np.sort(rate * ties % 1.0)
     around = np.append(turns, turns + 1.0)
-    last = np.searchsorted(around, turns + 1.0 - rate)
+    # the arc is open: at a rate of 1/k both ends are samples
+    last = np.searchsorted(around, turns + 1.0 - rate - ONE_TURN)
     count = last - np.arange(len(turns))
     k = count.argmax()
     return count[k], 0.5 * (turns[k] + around[last[k] - 1])

@@ -88,6 +88,7 @@ WAVE_STEP = 2.5     # ratio of one duration of waves to the next
 WAVE_PARTS = 6      # of their duration, by which onsets are apart
 FINER_WAVES = 5     # parts of that, and of a step of the duration, about the best
 MIN_PERIODS = 2     # in a duration: with fewer it is a pulse
+ROUNDED = 1e-12     # of the largest information: less may be rounding of a product
 STRETCHES = 16      # of a record, that may miss more or fewer samples
 LONGEST = 2000      # samples: longer it is a vibration
 
@@ -144,6 +145,7 @@ def _waves(scene, family, one, n, onsets):
                 power * np.fft.rfft(inverse[0]), L)[keep])
     # where samples are missing, they are most nearly whole
     J = J * max(part.mean() for part in np.array_split(~np.isnan(scene.y), STRETCHES))
+    J = np.maximum(J, ROUNDED * J.max())
     behind = sliding_window_view(np.append(one.residual[0], np.zeros(L)), L)[
         onsets.start:onsets.stop:onsets.step]
     rows = max(BLOCK // L, 1)
