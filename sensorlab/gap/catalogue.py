@@ -741,7 +741,8 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="turn-on transient, rate ramp, random walk",
            experiment="record longer"),
     Effect("turn_on_transient", columns=_transient,
-           parameters=lambda s: (_log("tau", s.duration / 400, s.duration / 3),),
+           parameters=lambda s: (_log("tau", min(s.duration / 400, max(
+               5.0 * s.dt, s.duration / 4000)), s.duration / 3),),
            equation="y + size exp(-t / tau); tau in s, size in u",
            resembles="rate ramp, temperature",
            experiment="switch off, cool down and on again: it returns"),

@@ -238,6 +238,8 @@ def change_of_drive(effect, scene, member, signatures, theta):
 
 
 LEVEL_NODES = 4    # values of each parameter of a level that are tried
+CLOSER = 3         # times that parts about the best are tried
+CLOSER_NATS = 20.0    # by which the last must have been better for the next
 HEAD = 10**5       # samples of a longer record that tell where more values are tried
 
 
@@ -248,6 +250,8 @@ def change_of_level(effect, scene, member, signatures, theta):
     """
     h, priors = member.with_effect(effect), effect.parameters(scene)
     driven = [symbol in DRIVES for _, symbol in member.keys]
+    if not any(driven):    # the white noise has taken all
+        driven = [symbol == "sigma_v" for _, symbol in member.keys]
 
     def up_to(samples):
         seen, known = scene.cut(slice(samples)), [
@@ -266,10 +270,17 @@ def change_of_level(effect, scene, member, signatures, theta):
         return at[gain.argmax()], gain.reshape(len(strengths), -1).max(0)
     p = len(priors)
     (strength, *u), gain = gains(head, DRIVEN, *p * [_middles(LEVEL_NODES)])
-    finer = np.arange(-1, 2) / 3.0
-    _, near = gains(whole, strength * 2.0**finer, *(v + finer / LEVEL_NODES for v in u))
-    gain[gain.argmax()] = logsumexp(near) - p * np.log(3.0)
-    return float(min(logsumexp(gain) - p * np.log(LEVEL_NODES), near.max() - 2.0))
+    finer, worth, highest = np.arange(-1, 2) / 3.0, -np.inf, -np.inf
+    for closer in range(CLOSER):
+        apart = 3.0**-closer * finer    # a strong one is at home in a small part
+        (strength, *u), near = gains(whole, strength * 2.0**apart, *(
+            v + apart / LEVEL_NODES for v in u))
+        worth = max(worth, logsumexp(near) - p * (closer + 1.0) * np.log(3.0))
+        rise, highest = near.max() - highest, near.max()
+        if rise < CLOSER_NATS:
+            break
+    gain[gain.argmax()] = worth
+    return float(min(logsumexp(gain) - p * np.log(LEVEL_NODES), highest - 2.0))
 
 
 def law_of_outliers(scene, effect, z, variance):
