@@ -345,6 +345,15 @@ def test_diagnose_writes_what_simulate_draws(tmp_path, capsys):
     T = record["temperature"] - record["temperature"].mean()
     truth = record["truth"]["temperature"]["coefficient"]
     assert T @ drawn / (T @ T) == pytest.approx(truth, rel=0.3)
+    np.savez(tmp_path / "other.npz", error=record["error"], dt=1.0,
+             temp_degC=record["temperature"])
+    simulate = ["simulate", str(folder / "model.json"), "--like",
+                str(tmp_path / "other.npz"), "--out", str(tmp_path / "s.npz")]
+    assert main(simulate) == 2
+    assert "--covariates NAME=COLUMN" in capsys.readouterr().err
+    assert main([*simulate, "--covariates", "heat=temp_degC"]) == 2
+    assert "the effects of the model need temperature" in capsys.readouterr().err
+    assert main([*simulate, "--covariates", "temperature=temp_degC"]) == 0
     assert main(["simulate", str(folder / "model.json"), "--samples", "100",
                           "--out", str(tmp_path / "s.npz")]) == 2
     assert "need the column temperature" in capsys.readouterr().err

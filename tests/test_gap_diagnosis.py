@@ -424,6 +424,19 @@ def test_a_pulse_is_estimated_beside_what_stays():
     assert abs(mean - onset) < 0.6 and 0.2 < sd < 0.6
 
 
+@pytest.mark.large
+@pytest.mark.parametrize("size, seed", [(2.5, 0), (2.5, 2), (5.0, 0), (5.0, 4)])
+def test_a_telegraph_on_a_bias_is_named(size, seed):
+    rng = np.random.default_rng([seed, 5])
+    level = (np.cumsum(rng.random(3000) < 0.00333) + rng.integers(2)) % 2
+    y = rng.standard_normal(3000) + size * level + 3.0 * rng.standard_normal()
+    d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis(
+        "white_noise", sigma_v=(0.5, 2.0), bias_sigma=9.0)])
+    assert d.verdict == "random_telegraph"
+    told, sd = d.found[0].values["size"]
+    assert abs(told - size) < 3.0 * sd < 0.2
+
+
 def test_two_steps_and_a_pulse_are_no_telegraph():
     rng = np.random.default_rng(0)
     y = np.cumsum(0.05 * rng.standard_normal(1000)) + 0.5 * rng.standard_normal(1000)

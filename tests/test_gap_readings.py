@@ -148,6 +148,28 @@ def test_a_sensor_that_is_polled_too_fast_has_its_rate_read(rate, lsb):
     assert np.mean(again != scene.y) < 0.01
 
 
+@pytest.mark.parametrize("times", [2, 3, 7, 8, 9, 10, 12, 16, 25, 40])
+def test_a_sensor_of_which_every_value_is_logged_so_often_has_its_rate_read(times):
+    for samples in (2000, 6000):
+        y = np.repeat(np.random.default_rng(times).standard_normal(
+            samples // times + 1), times)[:samples]
+        (one,) = readings.readings(Scene(y, 0.01, {}))
+        assert one.found.values["frequency"] == pytest.approx(100.0 / times, rel=1e-3)
+
+
+@pytest.mark.large
+@pytest.mark.parametrize("seed", [11, 12])
+def test_a_factor_beside_counts_of_three_sigmas_is_what_it_is(seed):
+    rng = np.random.default_rng(seed)
+    y = 0.3 + rng.standard_normal(2000) + 0.01 * np.cumsum(rng.standard_normal(2000))
+    simulator = sensorid.hypothesis("random_walk", sigma_w=(0.003, 0.014),
+                                    sigma_v=(0.97, 1.03), bias_sigma=1.0)
+    d = sensorlab.diagnose(np.round(y / 3.0), 0.01, [simulator])
+    assert d.verdict == "quantization+wrong_parameter"
+    factor, sd = d.found[1].values["factor"]
+    assert abs(factor - 1.0 / 3.0) < 3.0 * sd < 0.05
+
+
 @pytest.mark.large
 def test_a_dead_zone_repeats_nothing():
     rng = np.random.default_rng(1)

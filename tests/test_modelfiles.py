@@ -120,6 +120,8 @@ def effect(name, column=None, variant=None, **parameters):
     ([effect("stuck", spans=[[1, 2.5]])], "it must be a whole number"),
     ([effect("bias_step", onset=[9, 1], size=1)], r"effects\[0\]: range .* upside"),
     ([effect("outliers", rate=0.1, sigma=1)] * 2, "outliers is there twice"),
+    ([effect("sinusoid", frequency=1.7, amplitude=1, phase=0)],
+     "sinusoid of 1.7 Hz is above half the sampling rate of 2 Hz: .* give 0.3 Hz"),
     ([effect("nonlinearity", "rate", "bogus", coefficient=1)],
      'one of null, "", "square", "modulus"'),
     ([effect("bandwidth", None, "third order", tau=1)],

@@ -210,7 +210,7 @@ def _described(full, done, before, measured):
         done = done._replace(account=final, after=measured(final, done.after))
     elif final.best == done.account.best:    # what is before is of that hypothesis
         done = done._replace(account=final)
-    path = estimated_together(full, done.account, done.path)
+    path = estimated_together(full, _as_records_have(done), done.path)
     done = done._replace(path=path, leaves={
         **done.leaves, path.effect: done.leaves[path.effect]._replace(
             found=path.found)})
@@ -220,6 +220,19 @@ def _described(full, done, before, measured):
         closed = along_the_filter(path.log_bayes, done.left)
     return _Described(done, closed, directed, remainder(before, done.after), parts(
         full, path, done.account, done.lesser, closed, before, done.after, measured))
+
+
+def _as_records_have(done):
+    """The account of a search, its posterior moved to the parameters whose records give
+    this fit, where coarse counts mislead a filter.
+    """
+    acc = done.account
+    if not any(r.coarse for r in acc.readings) or (
+            done.after.ruler.fit.setting.acc is not acc):
+        return acc
+    own = acc.sample._replace(theta=acc.sample.theta + done.after.theta - acc.theta)
+    return acc._replace(samples=(*acc.samples[:acc.best], own,
+                                 *acc.samples[acc.best + 1:]))
 
 
 MOST_ERROR = 0.03    # of a probability, by chance of the simulated records
