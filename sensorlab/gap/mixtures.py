@@ -21,7 +21,7 @@ from sensorlab.gap.unrolled import (
 
 HEAD = 4000        # samples of a long record that mostly tell at which level it begins
 SURE_NATS = 30.0    # by which one of the two is the likelier there
-AT_ONCE = 2 * 10**6    # samples of records of which everything is told at once
+AT_ONCE = 4 * 10**5    # samples of records of which everything is told at once
 
 
 def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
@@ -60,9 +60,7 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
         beside = np.full((len(y[some]), 2 * told, 5, y.shape[1]), np.nan)
         either = _from(every, y[some], parts, beside).reshape(-1, M, 2) + log_prior
         total[some] = logsumexp(either, axis=2)
-        for node in range(told):
-            out[some, node] = _either(beside[:, 2 * node:2 * node + 2], log_prior[
-                node])[:, :rows]
+        _weigh_begins(beside, np.diff(log_prior[:told], axis=1)[:, 0], out[some])
     return total
 
 
@@ -100,22 +98,31 @@ def _from(begins, y, parts, out=None):
                      r[node], outlier[node], jump, moved, out)
 
 
-def _either(told, log_prior):
-    """What is told (R, 5, N) of records by two filters (R, 2, 5, N) of which one is
-    right, of these probabilities (2,).
+@njit(**KERNEL)
+def _weigh_begins(told, log_odds, out):
+    """What is told (R, 2 K, 5, N) of records by pairs of filters, of which one is
+    right, the second one with these odds (K,) a priori, as one: out (R, K, rows, N).
     """
-    log_score = np.nan_to_num(told[:, :, 3])
-    after = log_prior[:, None] + np.cumsum(log_score, axis=2)
-    before = np.concatenate([np.broadcast_to(log_prior[:, None], (len(told), 2, 1)),
-                             after[:, :, :-1]], axis=2)
-    own = np.exp(before - logsumexp(before, axis=1, keepdims=True))
-    then = np.exp(after - logsumexp(after, axis=1, keepdims=True))
-    result = np.empty_like(told[:, 0])
-    result[:, :2] = np.einsum("rln,rlkn->rkn", own, told[:, :, :2])
-    result[:, 2] = np.einsum("rln,rln->rn", then, told[:, :, 2])
-    result[:, 3] = logsumexp(before + told[:, :, 3], axis=1) - logsumexp(before, axis=1)
-    result[:, 4] = np.einsum("rln,rln->rn", then, told[:, :, 4])
-    return result
+    R, K, rows, N = out.shape
+    for r in range(R):
+        for k in range(K):
+            odds = log_odds[k]
+            for i in range(N):
+                one, other = told[r, 2 * k, :, i], told[r, 2 * k + 1, :, i]
+                if np.isnan(one[3]):
+                    continue
+                first, second = 1.0 / (1.0 + np.exp(odds)), 1.0 / (1.0 + np.exp(-odds))
+                for row in range(2):
+                    out[r, k, row, i] = first * one[row] + second * other[row]
+                odds += other[3] - one[3]
+                if rows > 2:
+                    most = max(one[3], other[3])
+                    out[r, k, 3, i] = most + np.log(first * np.exp(
+                        one[3] - most) + second * np.exp(other[3] - most))
+                    first, second = 1.0 / (1.0 + np.exp(odds)), 1.0 / (
+                        1.0 + np.exp(-odds))
+                    for row in (2, 4):
+                        out[r, k, row, i] = first * one[row] + second * other[row]
 
 
 def _filtered(y, H, own, pair, later, r, outlier, jump, moved, out):
