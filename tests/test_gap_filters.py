@@ -411,6 +411,25 @@ def test_telegraph_is_known_as_well_where_the_bias_is_not(size, dwell, seed):
     assert np.quantile(abs(seen.log_score[0, 0] - exact), 0.99) < 0.2
 
 
+def test_records_that_begin_at_either_level_are_told_of_alike(monkeypatch):
+    y = np.random.default_rng(8).standard_normal((3, 60)) + 2.0 * (
+        np.arange(60) // 20 % 2)
+    y[:, 7] = np.nan
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=3.0)
+    own = member(Scene(y[0], 1.0, {}), h, "random_telegraph")
+    theta = np.array([[1.0, 30.0, 2.0], [1.0, 20.0, 1.0]])
+    whole = filters.predict(own, own.scene, (), theta, y)
+    monkeypatch.setattr(mixtures, "AT_ONCE", 1)
+    for one in (filters.predict(own, own.scene, (), theta, y),
+                filters.predict(own, own.scene, (), theta, y, whole=False)):
+        assert_array_equal(one.z, whole.z)
+        assert_array_equal(one.log_likelihood, whole.log_likelihood)
+    assert_allclose(np.nansum(whole.log_score, axis=2), whole.log_likelihood,
+                    rtol=1e-12)
+    assert_allclose(filters.log_likelihoods(own, own.scene, (), theta),
+                    whole.log_likelihood[0], rtol=1e-12)
+
+
 def test_a_long_record_tells_by_its_head_at_which_level_it_begins():
     rng, n = np.random.default_rng(3), 5 * mixtures.HEAD
     level = np.cumsum(rng.random(n) < 0.005) % 2

@@ -255,16 +255,15 @@ class _Refit(NamedTuple):
         `near` were as far from their fit.
 
         The fit ignores what coarse rounding and clipping do beyond a further white
-        noise, and the history of a level: indirect inference (C. Gourieroux, A.
-        Monfort, E. Renault, J. Appl. Econometrics 8, 1993). What the record does not
+        noise: indirect inference (C. Gourieroux, A. Monfort, E. Renault, J. Appl.
+        Econometrics 8, 1993). What the record does not
         tell, the prior keeps in place. Under a third of clipped samples the fit is
         dozens of its own standard deviations off, and tells less of a change than of
         itself: slopes are learnt on the way, and moves grow where they help.
         """
         acc, free = self.setting.acc, self.free
         truth, starts = acc.theta.copy(), [acc.theta[free]]
-        level = acc.member.jumps(acc.theta[None]).half[0] > 0.0
-        if not free or not (self.setting.misled or level):
+        if not free or not self.setting.misled:
             return truth
         if near is not None:
             like = near.ruler.fit.setting.acc
@@ -292,8 +291,7 @@ class _Refit(NamedTuple):
                 prior + np.cov(s.T).reshape(len(free), -1))
         # one outside of its ranges is another simulator
         ends = np.array([(p.low, p.high) for p in acc.member.parameters])[free].T
-        truth[free] = _root(missed, starts, step, MOVES if self.setting.misled else 4,
-                            ends)
+        truth[free] = _root(missed, starts, step, MOVES, ends)
         return truth
 
 
