@@ -11,7 +11,7 @@ from sensorlab.gap.account import (
     Account, account, evidence_error, fixed, for_processes, for_signatures, gaussian,
     guesses_from, mean_evidence, solved_by)
 from sensorlab.gap.costs import say
-from sensorlab.gap.directed import directed, estimate_signature
+from sensorlab.gap.directed import directed, estimate_signature, onsets_nearby
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.filters import filter_of, log_likelihoods, predict
@@ -117,10 +117,10 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
         scene, acc, effects, processes, known)
     say("weighing", 2)
 
-    @functools.cache
-    def signature(number):
-        return estimate_signature(plain, reference, listed[number - 1], samples, number)
-    weighed, chosen = _with_best(inside, plain, reference, rivals, signature, by_chance)
+    signatures = _Estimated(lambda number: estimate_signature(
+        plain, reference, listed[number - 1], samples, number))
+    weighed, chosen = _with_best(inside, plain, reference, rivals, signatures,
+                                 by_chance)
     prior, alone, share, groups = weighed
     error = _errors(alone, share, groups, np.array([
         _error(rival, acc, samples) for rival in rivals]))
@@ -132,7 +132,7 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
              and share[i] > 0.1 * share[group[0]]])
         if rival.family and (probability > LISTED_FROM / effort(scene)
                              or chosen and group[0] == weighed.best):
-            _, one = signature(rival.family)
+            _, one = signatures[rival.family]
         else:
             one = Found(rival.effect, "", rival.variant, rival.values,
                         float(share[group[0]] / max(probability, 1e-300)))
@@ -140,6 +140,18 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
                             float(rival.log_bayes), off))
     causes.sort(key=lambda c: -c.probability)
     return Further(tuple(causes), chosen, prior)
+
+
+class _Estimated(dict):
+    """`Signature` and `Found` of families by number, estimated when they are asked for.
+    """
+
+    def __init__(self, estimate):
+        self._estimate = estimate
+
+    def __missing__(self, number):
+        self[number] = self._estimate(number)
+        return self[number]
 
 
 class _Sought(NamedTuple):
@@ -506,14 +518,14 @@ class _Weighed(NamedTuple):
         return max(self.groups, key=lambda own: self.share[own].sum())[0]
 
 
-def _with_best(inside, plain, reference, rivals, signature, by_chance):
+def _with_best(inside, plain, reference, rivals, signatures, by_chance):
     """`_Weighed` of the rivals, and the account with the best in it, or None where none
     is as probable. What proves to be worth less or more on the way is so among the
     rivals, too.
 
-    Signatures were sought in the scene `plain`, of which `reference` is the account;
-    `signature` gives that of a family, by its number; `by_chance` as for
-    `further_causes`.
+    The `signatures` of families, by number, were sought in the scene `plain`, of which
+    `reference` is the account; where jumps see one elsewhere, it is moved. `by_chance`
+    as for `further_causes`.
     """
     scene, acc, known = inside.scene, inside.acc, {}
 
@@ -521,9 +533,12 @@ def _with_best(inside, plain, reference, rivals, signature, by_chance):
         """The account with a rival, and ln B of it by that."""
         key = one.family, id(one.account)
         if key not in known:    # by the filter with jumps it is dear
-            none = acc.log_evidence + (0.0 if plain is scene or not one.family else
-                                       _searched(plain, reference, one, signature))
-            new = _account_with(scene, plain, acc, one, signature, none)
+            none = acc.log_evidence
+            if plain is not scene and one.family:
+                searched, signatures[one.family] = _seen_elsewhere(
+                    scene, acc, plain, reference, one, *signatures[one.family])
+                none += searched
+            new = _account_with(scene, plain, acc, one, signatures, none)
             known[key] = new, new.log_evidence - none
         return known[key]
     if plain is not scene:
@@ -550,12 +565,30 @@ def _with_best(inside, plain, reference, rivals, signature, by_chance):
         rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=worth)
 
 
-def _searched(plain, reference, rival, signature):
+NEARBY = 4    # samples to either side of an onset, which what stands in for jumps hides
+
+
+def _seen_elsewhere(scene, acc, plain, reference, rival, one, found):
     """How much less a signature is worth on average, over where its onset and the like
-    may be, than where they are likeliest, nats; where it was sought, this is known.
+    may be, than where the filter with jumps sees it, nats; and the pair of `Signature`
+    and `Found` with the onset, of those nearby, that it sees.
+
+    It was sought in the scene `plain`, where its average is known.
     """
-    there = with_signature(plain, reference, signature(rival.family)[0])
-    return max(there.log_evidence - reference.log_evidence - rival.log_bayes, 0.0)
+    there = with_signature(plain, reference, one).log_evidence - reference.log_evidence
+    searched = max(there - rival.log_bayes, 0.0)
+    near = onsets_nearby(scene, one, NEARBY)
+    if len(near) < 2:
+        return searched, (one, found)
+    seen, sought = (np.array([log_likelihoods(own.member, at, (
+        *own.signatures, other), own.theta[None])[0] for other in near])
+        for at, own in ((scene, acc), (plain, reference)))
+    best = near[seen.argmax()]
+    mean, sd = found.values["onset"]
+    away = best.found.values["onset"] - one.found.values["onset"]
+    spread = logsumexp(sought - sought[[other is one for other in near].index(True)]) - logsumexp(seen - seen.max())
+    return max(searched + spread, 0.0), (best, found._replace(
+        values={**found.values, "onset": (mean + away, sd)}))
 
 
 def _seen_by_jumps(rivals, account_with):
@@ -573,13 +606,13 @@ def _seen_by_jumps(rivals, account_with):
                 rivals[k] = rivals[k]._replace(chosen=chosen, log_bayes=worth)
 
 
-def _account_with(scene, plain, acc, best, signature, none):
+def _account_with(scene, plain, acc, best, signatures, none):
     """The account with a rival in it; a filter with jumps to which it is worth no more
     than `none` knows it less well.
     """
     floor = -np.inf if plain is scene else none
     if best.family:
-        return with_signature(scene, acc, signature(best.family)[0], floor)
+        return with_signature(scene, acc, signatures[best.family][0], floor)
     if plain is not scene and best.effect.model and not best.effect.jumps:
         return account(scene, acc.bases,
                        [h.joined(own.effects[-1]) for h, own in zip(

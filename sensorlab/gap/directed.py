@@ -223,6 +223,27 @@ def estimate_signature(scene, reference, family, samples, number, count=None):
                      3.0 * float(np.hypot(size, sd))), found
 
 
+def onsets_nearby(scene, one, most):
+    """The `Signature` itself, where it lies among those with onsets up to so many
+    samples away; alone, if it has no onset.
+    """
+    effect, values = one.found.effect, one.found.values
+    low, high = next(((p.low, p.high) for p in effect.parameters(scene)
+                      if p.symbol == "onset"), (0.0, 0.0))
+    result = []
+    for away in range(-most, most + 1):
+        onset = values.get("onset", 0.0) + away * scene.dt
+        if away == 0:
+            result.append(one)
+        elif low < onset < high:
+            moved = {**values, "onset": onset}
+            result.append(one._replace(
+                found=one.found._replace(values=moved), columns=columns_of(
+                    scene, effect, one.found.column, one.found.variant,
+                    psi_of(scene, effect, moved))))
+    return result
+
+
 def _sizes(h, scene, signatures, family, theta, share):
     """`_Sizes` of a hypothesis of a given share at some nodes."""
     theta, times = np.unique(theta, axis=0, return_counts=True)
