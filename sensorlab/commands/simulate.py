@@ -28,7 +28,8 @@ def run(options):
         check_memory(len(like.error), options.records)
     else:
         refuse_unused(options, "covariates", *(
-            name for name in RECORDED if name != "dt"), why="goes with --like: no record is read here")
+            name for name in RECORDED if name != "dt"),
+                      why="goes with --like: no record is read here")
         refuse_interval(options.model, model, options.dt)
         if needed:
             raise ValueError(f"the effects of {options.model} need the column"

@@ -586,7 +586,8 @@ def _seen_elsewhere(scene, acc, plain, reference, rival, one, found):
     best = near[seen.argmax()]
     mean, sd = found.values["onset"]
     away = best.found.values["onset"] - one.found.values["onset"]
-    spread = logsumexp(sought - sought[[other is one for other in near].index(True)]) - logsumexp(seen - seen.max())
+    middle = [other is one for other in near].index(True)
+    spread = logsumexp(sought - sought[middle]) - logsumexp(seen - seen.max())
     return max(searched + spread, 0.0), (best, found._replace(
         values={**found.values, "onset": (mean + away, sd)}))
 
