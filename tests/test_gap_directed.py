@@ -15,7 +15,7 @@ import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import (
-    causes, directed, evidence, filters, scans, screens, signatures)
+    causes, directed, effects, evidence, filters, scans, screens, signatures)
 from sensorlab.gap.account import account, fixed
 from sensorlab.gap.effects import Member
 from sensorlab.gap.readings import Reading
@@ -203,3 +203,31 @@ def test_bursts_over_next_to_no_noise_would_stand_in_for_the_law_of_rounding(noi
     assert rest(lsb, h) == rests
     assert not rest(0.0, h)                            # what is not rounded
     assert not rest(lsb, Member(white, scene).joined(rounded))    # nor jumps
+
+
+def test_an_onset_that_was_sought_without_the_outliers_is_moved_to_where_they_see_it():
+    rng, at, late = np.random.default_rng(2), 600, 3
+    y = rng.standard_normal(1000) + 4.0 * (np.arange(1000) >= at)
+    y += (rng.random(1000) < 0.03) * 10.0 * rng.standard_normal(1000)
+    scene, effect = Scene(y, 1.0, {}), CATALOGUE["bias_step"]
+    h = sensorid.hypothesis("white_noise", sigma_v=(0.5, 2.0), bias_sigma=3.0)
+    acc = account(scene, [member(scene, h, "outliers")])
+    odd = filters.predict(acc.member, scene, (), acc.theta[None]).odd[0, 0] > 0.5
+    plain = Scene(np.where(odd, np.nan, y), 1.0, {})
+    reference = account(plain, [member(plain, h)])
+    values = dict(onset=float(at + late), size=4.0)
+    one = filters.Signature(Found(effect, values=values), effects.columns_of(
+        scene, effect, "", "", values["onset"]), 9.0)
+    near = directed.onsets_nearby(scene, one, 4)
+    assert [s.found.values["onset"] for s in near] == [at + late + k
+                                                       for k in range(-4, 5)]
+    assert near[4] is one
+    assert_allclose(np.argmax(near[0].columns), np.argmax(one.columns) - 4)
+    told = Found(effect, values=dict(onset=(at + late, 0.5), size=(4.0, 0.1)))
+    searched, (moved, told) = causes._seen_elsewhere(
+        scene, acc, plain, reference, SimpleNamespace(family=1, log_bayes=100.0), one,
+        told)
+    # a step from 599 to 600 is one at any time between
+    assert abs(moved.found.values["onset"] - at) <= 1.0
+    assert told.values["onset"] == (moved.found.values["onset"], 0.5)
+    assert searched >= 0.0
