@@ -182,7 +182,8 @@ PRIOR = NUMBER | st.lists(NUMBER, min_size=2, max_size=2).map(sorted) | st.build
 @st.composite
 def models(draw):
     """Model files that are sound, as far as their schema says."""
-    hypotheses = []
+    hypotheses, dt = [], draw(NUMBER)
+    below = st.floats(0.01, 0.49).map(lambda share: share / dt)
     for rest in model_file()["properties"]["hypotheses"]["items"]["allOf"]:
         if not draw(st.booleans()):
             continue
@@ -192,10 +193,10 @@ def models(draw):
         hypotheses.append(dict(
             name=name, parameters={symbol: draw(PRIOR) for symbol in wanted},
             effects=[dict(name=e.name, parameters={
-                symbol: draw(NUMBER) for symbol in (
+                symbol: draw(below if symbol == "frequency" else NUMBER) for symbol in (
                     *(p.symbol for p in e.parameters(ANY)), e.size)})
                 for e in effects if draw(st.booleans())]))
-    return dict(dt=draw(NUMBER), unit=draw(st.text("\u00b5g/hs", max_size=5)),
+    return dict(dt=dt, unit=draw(st.text("\u00b5g/hs", max_size=5)),
                 hypotheses=hypotheses)
 
 

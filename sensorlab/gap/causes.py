@@ -539,8 +539,8 @@ def _with_best(inside, plain, reference, rivals, signatures, by_chance):
                     scene, acc, plain, reference, one, *signatures[one.family])
                 none += searched
             new = _account_with(scene, plain, acc, one, signatures, none)
-            known[key] = new, new.log_evidence - none
-        return known[key]
+            known[key] = one.account, new, new.log_evidence - none    # it stays alive
+        return known[key][1:]
     if plain is not scene:
         _seen_by_jumps(rivals, account_with)
     while True:
