@@ -86,6 +86,7 @@ def test_nothing_is_said_where_nothing_is():
     assert sum(v not in ("none", "undecided") for v in said) <= 1, said
 
 
+@pytest.mark.large
 def test_what_stands_out_beside_a_wrong_effect_only_is_not_unknown():
     # its telegraph noise is none: the record fits the simulator, and not with it
     d = diagnosed(generator.record(2026, 538, edge=True))
@@ -193,12 +194,12 @@ def test_what_drifts_returns_or_lags_is_named(effect):
 @pytest.mark.parametrize("effect, variant, values", [
     ("narrow_band_noise", "", dict(frequency=0.19, tau=20.0, sigma=0.4)),
     ("bandwidth", "second order", dict(tau=0.7)),
-    ("bandwidth", "digital", dict(tau=1.5)),
     ("bandwidth", "digital first order", dict(tau=1.5)),
     ("blue_noise", "", dict(tau=1.0, sigma=0.8)), *(
         pytest.param(*one, marks=pytest.mark.large) for one in (
             ("narrow_band_noise", "", dict(frequency=0.02, tau=100.0, sigma=0.5)),
             ("bandwidth", "first order", dict(tau=0.7)),
+            ("bandwidth", "digital", dict(tau=1.5)),
             ("correlated_noise", "", dict(tau=6.0, sigma=0.5))))])
 def test_a_colour_is_named(effect, variant, values):
     y = white_with(Found(EFFECTS[effect], "", variant, account.fixed(**values)),
@@ -437,6 +438,7 @@ def test_a_telegraph_on_a_bias_is_named(size, seed):
     assert abs(told - size) < 3.0 * sd < 0.2
 
 
+@pytest.mark.large
 def test_two_steps_and_a_pulse_are_no_telegraph():
     rng = np.random.default_rng(0)
     y = np.cumsum(0.05 * rng.standard_normal(1000)) + 0.5 * rng.standard_normal(1000)
