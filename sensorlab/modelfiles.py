@@ -98,10 +98,12 @@ def _hypothesis_from(where, entry, tree):
 
 
 def _check_frequencies(pairs, dt):
-    """Refuse what a record of this sampling interval can only show as an alias."""
+    """Refuse what a record of this sampling interval can only show as an alias: that of
+    a reading is a rate at which samples are taken.
+    """
     for _, effects in pairs:
         for one in effects:
-            f = one.values.get("frequency", 0.0)
+            f = 0.0 if one.effect.reading else one.values.get("frequency", 0.0)
             f = f.low if isinstance(f, Parameter) else f
             if f > 0.5 / dt:
                 raise ValueError(

@@ -142,6 +142,13 @@ def test_effects_out_of_their_domain_are_refused(tmp_path, effects, message):
         read_model(tmp_path / "m.json")
 
 
+def test_a_sensor_may_be_polled_at_less_than_twice_its_rate(tmp_path):
+    polled = effect("repeated_samples", frequency=1.34, phase=0.3)    # 2 Hz are read
+    (tmp_path / "m.json").write_text(json.dumps(changed([*WALK, "effects"], [polled])))
+    (one,) = read_model(tmp_path / "m.json").simulator.effects[0]
+    assert one.values["frequency"] == 1.34
+
+
 @pytest.mark.parametrize("late", [effect("bias_step", onset=[50, 60], size=1),
                                   effect("stuck", spans=[[1, 2], [50, 3]])])
 def test_an_effect_that_starts_after_the_end_is_refused(tmp_path, late):
