@@ -8,8 +8,8 @@ from sensorlab.commands.many import (
     write_picture, write_table)
 from sensorlab.commands.progress import progress_line, say_beforehand
 from sensorlab.commands.shared import (
-    RECORDED, as_quoted, check_folder, check_outputs, read_each, refuse_unused,
-    simulated_records, write_json, write_text)
+    RECORDED, as_quoted, check_folder, check_outputs, covariates_of, read_each,
+    refuse_unused, simulated_records, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.catalogue import CATALOGUE
@@ -36,9 +36,7 @@ def run(options):
     folder = _checked_folder(options)
     if folder:
         matplotlib_for_files()
-    beside = None if options.covariates is None else [
-        part for part in options.covariates.split(",") if part]
-    records = read_each(options, model, beside)
+    records = read_each(options, model, covariates_of(options))
     refuse_workers(options, records)
     _say_axes(records)
     if len(records) == 1 and options.checkpoint is None:

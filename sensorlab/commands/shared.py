@@ -30,6 +30,12 @@ def read(options, model=None, beside=()):
         options.resample, options.allow_missing, beside), options, model)
 
 
+def covariates_of(options):
+    """Columns that the options name, NAME or NAME=COLUMN; None if they say nothing."""
+    return None if options.covariates is None else [
+        part for part in options.covariates.split(",") if part]
+
+
 def read_each(options, model=None, beside=()):
     """The records of all sources and channels that the options name, in the unit that
     they ask for; `Unread` where one of several is none.

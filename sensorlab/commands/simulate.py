@@ -6,7 +6,8 @@ import numpy as np
 
 from sensorid import write_whole
 from sensorlab.commands.shared import (
-    RECORDED, check_memory, check_outputs, read, refuse_interval, refuse_unused)
+    RECORDED, check_memory, check_outputs, covariates_of, read, refuse_interval,
+    refuse_unused)
 from sensorlab.gap.diagnosis import check_columns
 from sensorlab.gap.effects import Scene, simulate_effects
 from sensorlab.modelfiles import check_onsets, read_model
@@ -22,7 +23,7 @@ def run(options):
                      for one in effects} - {""})
     if options.like:
         options.record = options.like
-        like = read(options, model, beside=_placed(needed, options.covariates))
+        like = read(options, model, beside=_placed(needed, covariates_of(options)))
         scene = Scene(like.error, model.dt, like.columns)
         check_columns(like.error, like.columns)
         check_memory(len(like.error), options.records)
@@ -48,8 +49,7 @@ def run(options):
 
 def _placed(needed, covariates):
     """Names of columns that are needed, as NAME=COLUMN where a list says so."""
-    asked = [part for part in (covariates or "").split(",") if part]
-    placed = {part.partition("=")[0].strip(): part for part in asked}
+    placed = {part.partition("=")[0].strip(): part for part in covariates or ()}
     for name in placed:
         if name not in needed:
             raise ValueError(f"--covariates {placed[name]}: the effects of the model "

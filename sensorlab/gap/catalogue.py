@@ -298,11 +298,8 @@ def _digital(cut_off, white):
     both = (c * d * first + b1 * b2) / (1.0 - d)
     second = d**2 * first + b2**2
     P0 = [[first, both, b0 * b1], [both, second, b0 * b2], [b0 * b1, b0 * b2, b0**2]]
-    return ShapingFilter(
-        _matrices([c, 1.0, 0.0], [d, 0.0, 0.0], [0.0, 0.0, 0.0]),
-        _matrices(*([part * white] for part in (b1, b2, b0))),
-        np.array([[1.0, 0.0, 1.0]]), np.zeros(1), np.zeros(3),
-        _matrices(*([part * white**2 for part in row] for row in P0))[..., 0, :, :])
+    return _of_one_noise([[c, 1.0, 0.0], [d, 0.0, 0.0], [0.0, 0.0, 0.0]], (b1, b2, b0),
+                         [1.0, 0.0, 1.0], P0, white)
 
 
 LEAST_POLE = 1e-4    # for less, of the pole: at zero it is that of the white noise
@@ -319,10 +316,16 @@ def _digital_of_first_order(cut_off, white):
     b1 = b - b0
     # 1 - c^2 of a slow one is too small to be a difference
     P0 = [[b1**2 * (1.0 + K)**2 / (4.0 * K), b0 * b1], [b0 * b1, b0**2]]
+    return _of_one_noise([[c, 0.0], [0.0, 0.0]], (b1, b0), [1.0, 1.0], P0, white)
+
+
+def _of_one_noise(Phi, b, H, P0, white):
+    """A shaping filter of states that one noise of this standard deviation drives by
+    b, their covariance P0 at first where it is 1.
+    """
     return ShapingFilter(
-        _matrices([c, 0.0], [0.0, 0.0]),
-        _matrices(*([part * white] for part in (b1, b0))),
-        np.array([[1.0, 1.0]]), np.zeros(1), np.zeros(2),
+        _matrices(*Phi), _matrices(*([part * white] for part in b)), np.array([H]),
+        np.zeros(1), np.zeros(len(H)),
         _matrices(*([part * white**2 for part in row] for row in P0))[..., 0, :, :])
 
 

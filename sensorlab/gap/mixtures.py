@@ -54,7 +54,7 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
     if not rows:
         return logsumexp(_of_begins(y, parts, log_prior), axis=2)
     total, at_once = np.empty((R, M)), max(AT_ONCE // y.shape[1], 1)
-    every = [(node, level) for node in range(M) for level in range(2)]
+    every = list(np.ndindex(M, 2))
     for first in range(0, R, at_once):
         some = slice(first, first + at_once)
         beside = np.full((len(y[some]), 2 * told, 5, y.shape[1]), np.nan)
@@ -69,7 +69,7 @@ def _of_begins(y, parts, log_prior):
     do; of one long record, most nodes are sure by its head of one.
     """
     R, M = len(y), len(log_prior)
-    every = [(node, level) for node in range(M) for level in range(2)]
+    every = list(np.ndindex(M, 2))
     if R > 1 or y.shape[1] <= 4 * HEAD:
         return _from(every, y, parts).reshape(R, M, 2) + log_prior
     H, own, pair, later, r, *rest = parts
