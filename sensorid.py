@@ -120,6 +120,9 @@ except RuntimeError:    # neither this folder nor the user's own cache can be wr
 # vectors are as wide as LLVM has it for a processor: 512 bits on Zen 5 (30 % less time
 # than 256); NUMBA_CPU_FEATURES forces them in all code of a process, no module should
 JIT = dict(cache=CACHE, error_model="numpy", fastmath={"contract"})
+# of what other compiled code calls: a second copy of its own may be rounded in another
+# way, and which of the two a process takes would hang on what it has compiled itself
+INSIDE = dict(JIT, forceinline=True)
 LOG_2PI = np.log(2.0 * np.pi)
 
 
@@ -894,7 +897,7 @@ class Sums(NamedTuple):
     products: np.ndarray = ()    # (P, M) sum nu nu/f of the pairs of records asked for
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _gains(observed, node, memory, ak, w, c):
     """Gain a k, weights 1/f and mu/f of every step, Eqs. (5), (6), (8),
     for GROUP nodes.
@@ -926,7 +929,7 @@ def _gains(observed, node, memory, ak, w, c):
                 product[g] = 1.0
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _drop_dust(state, count):
     """The first numbers of a state are 0 if they have nearly decayed: see `DUST`."""
     for g in range(count):
@@ -934,7 +937,7 @@ def _drop_dust(state, count):
             state[g] = 0.0
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _trials_abreast(y, a, ak, w, c, g, state):
     """Eqs. (4), (7) and the sums of node g of a group for LANES trials.
 
@@ -970,7 +973,7 @@ def _trials_abreast(y, a, ak, w, c, g, state):
     _drop_dust(state, LANES)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _gains_stay(past, node, memory):
     """Have p and mu of a group stayed the same since their `past`?"""
     drift = 0.0
@@ -980,7 +983,7 @@ def _gains_stay(past, node, memory):
     return drift <= 1e-15
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _hold(node, memory, ak, w, c):
     """The constants that `_gains` gives while p and mu stay as they are."""
     for i in range(len(ak)):
@@ -991,7 +994,7 @@ def _hold(node, memory, ak, w, c):
             c[i, g] = (1.0 - memory[1, g]) / f
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _count_steady(samples, node, memory):
     """Information and log_det of samples through which p and mu stay as they are."""
     for g in range(GROUP):
@@ -1013,7 +1016,7 @@ def _advance_trials(y, observed, last_gap, node, memory, state):
                          state[group])
 
 
-@njit(nogil=True, **JIT)
+@njit(nogil=True, **INSIDE)
 def _trials_of_group(y, observed, last_gap, node, memory, state):
     """One group of `_advance_trials`. Once p and mu no longer change, gains are
     constants of the node.
@@ -1037,7 +1040,7 @@ def _trials_of_group(y, observed, last_gap, node, memory, state):
                 _trials_abreast(tile, node[0, g], ak, w, c, g, state[g, block])
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _nodes_abreast(y, node, ak, w, c, state):
     """Eqs. (4), (7) and the sums of GROUP nodes for one record, as for the trials."""
     for i in range(len(y)):
@@ -1049,7 +1052,7 @@ def _nodes_abreast(y, node, ak, w, c, state):
     _drop_dust(state, GROUP)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _steady_abreast(y, a, ak, state):
     """The same once the gain is constant, with sums of nu^2 and nu unweighted; the
     number of samples is a multiple of four.
@@ -1126,7 +1129,7 @@ def _lay_abreast(y, rows, lanes):
                     y[other, i] if other >= 0 else 0.0)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _lay(y, row, first, last, tile):
     """Samples of a row of `_record_of_group`."""
     one, other = row
@@ -1134,7 +1137,7 @@ def _lay(y, row, first, last, tile):
         tile[i] = y[one, first + i] + (y[other, first + i] if other >= 0 else 0.0)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _predict_abreast(at, entries, apart, Phi, Q, P, prior):
     """Eq. (5) for nodes of n states abreast: P (n, n, M), of which the lower half
     counts, becomes the predicted covariance of sample `at`. States that are `apart` do
@@ -1222,7 +1225,7 @@ def _gains_abreast(observed, first, last_gap, entries, apart, Phi, Q, H, r, P, g
     return len(observed), False
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _is_steady(past, P, gain, weight):
     """Have filtered covariances stayed what they were, but for rounding?"""
     n = len(P)
@@ -1236,7 +1239,7 @@ def _is_steady(past, P, gain, weight):
     return True
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _gain_unrolled(seen, states, chain, node):
     """Eqs. (5), (6), (8) for PART nodes and a sample, of as many states as another,
     unrolled as `_samples_unrolled` is: in one array, of which no row can be another.
@@ -1364,7 +1367,7 @@ def _move_group(y, begin, end, first, pairs, entries, rows, Phi, H, gain, weight
                 products[p, g] += weight[k, g] * nu[pairs[p, 0], g] * nu[pairs[p, 1], g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _samples_unrolled(states, abreast, chain, node, c, x, sums, nu, row):
     """`_move_group` for PART nodes and a few samples of record c, as many as the tuple
     `abreast` is long, of as many states as another: LLVM unrolls loops of known length,
@@ -1936,7 +1939,7 @@ def log_likelihood(s2, count, chi2, score, information, log_det, bias):
     return known - 0.5 * np.log(spread)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _without_spread(s2, log_s2, count, chi2, score, information, log_det, bias):
     """`log_likelihood` but for half of the logarithm of a number, and that number: its
     root takes less time.
@@ -1948,7 +1951,7 @@ def _without_spread(s2, log_s2, count, chi2, score, information, log_det, bias):
     return -0.5 * (count * LOG_2PI + (count - 1) * log_s2 + log_det + chi2 / s2), spread
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _scale_window(count, chi2, score, information, bias, least, most):
     """Mode of ln scale where scale^2 is within least..most, its exp(2 mode), and how
     far below and above it counts.
@@ -1972,7 +1975,7 @@ def _scale_window(count, chi2, score, information, bias, least, most):
     return 0.5 * np.log(s2), s2, width, max(width, TAIL / max(known, 1e-3))
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _ramp(x):
     """Share of a node x spacings inside an edge: a linear interpolant's integral."""
     if x < 0.0:
@@ -1980,7 +1983,7 @@ def _ramp(x):
     return 1.0 - 0.5 * max(1.0 - x, 0.0)**2
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _node_mass(count, chi2, score, node, limits, power, bias):
     """Mass of every node for one record: log of it and mean and square of the scale.
 
@@ -2032,7 +2035,7 @@ def _node_mass(count, chi2, score, node, limits, power, bias):
     return mass, first, second
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _moments(mass, first, second, feature, exponent):
     """Log of the total mass; mean and covariance of the features, Eqs. (13), (14).
 
@@ -3151,7 +3154,7 @@ def _differences_of_clusters(omega, m):
     return result
 
 
-REORDERED = {**JIT, "fastmath": {"contract", "reassoc"}}
+REORDERED = {**INSIDE, "fastmath": {"contract", "reassoc"}}
 
 
 @njit(**REORDERED)

@@ -42,6 +42,31 @@ def test_a_dask_cluster_gives_the_same_bits(serial):
     same(serial, result)
 
 
+TWO_STATES_AND_A_BAND = """
+import numpy as np, sensorid
+from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.effects import Scene, Simulator, members
+from sensorlab.gap.filters import log_likelihoods
+y = np.random.default_rng(1).standard_normal(1500)
+scene = Scene(y, 0.01, {})
+for h in members(Simulator(sensorid.default_hypotheses(y, 0.01)), scene):
+    for name in "narrow_band_noise", "bandwidth", "bias_instability":
+        own = h.with_effect(CATALOGUE[name])
+        u = np.random.default_rng(2).random((14, len(own.parameters)))
+        theta = sensorid.at_quantiles(own.parameters, u)
+        print(name, log_likelihoods(own, scene, (), theta).tobytes().hex())
+"""
+
+
+@pytest.mark.large
+def test_a_process_that_compiles_gives_the_bits_of_one_that_need_not(tmp_path):
+    told = [subprocess.run(
+        [sys.executable, "-c", TWO_STATES_AND_A_BAND], check=True, text=True,
+        capture_output=True, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        ).stdout for _ in range(2)]
+    assert told[0] == told[1] and "narrow" in told[0]
+
+
 def deadly_markov(dt, tau_m, sigma_m, sigma_v):
     """A Markov process that kills the first worker that computes it."""
     flag = pathlib.Path(os.environ["SENSORID_TEST_FLAG"])

@@ -18,6 +18,7 @@ import figures
 import sensorid
 import sensorlab
 from sensorlab.commands import main
+from sensorlab.gap import kernels
 from figures import fig1, identification, table
 
 ROOT = pathlib.Path(sensorid.__file__).parent
@@ -125,6 +126,30 @@ def test_no_name_of_a_module_is_given_twice():
             [n.id for target in getattr(node, "targets", ()) for n in ast.walk(target)
              if isinstance(n, ast.Name)])]
         assert len(names) == len(set(names)), file
+
+
+def compiled():
+    """Compiled functions of the project by name: (file, decorator, names called)."""
+    found = {}
+    for file in [ROOT / "sensorid.py", *ROOT.glob("sensorlab/**/*.py")]:
+        for node in ast.parse(file.read_text()).body:
+            how = [ast.unparse(d) for d in getattr(node, "decorator_list", ())]
+            if any("njit" in one for one in how):
+                found[node.name] = file, how[0], {
+                    c.func.id for c in ast.walk(node) if isinstance(c, ast.Call)
+                    and isinstance(c.func, ast.Name)}
+    return found
+
+
+def test_what_compiled_code_calls_is_compiled_inside_it():
+    found = compiled()
+    called = set.union(*(names for *_, names in found.values())) & found.keys()
+    assert len(called) > 50
+    for name in called:
+        _, how, _ = found[name]
+        assert "INSIDE" in how or "REORDERED" in how or "SUMS" in how, name
+    for options in (sensorid.INSIDE, sensorid.REORDERED, kernels.SUMS):
+        assert options["forceinline"]
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 from numba import njit
 
+from sensorid import INSIDE
 from sensorlab.gap.kernels import KERNEL, row_products
 
 ORDER = 16       # of the autoregressive process that a record is taken for
@@ -81,7 +82,7 @@ def _sweep(x, at, side, limit, c, sigma, seed):
             x[i] = mean + side[k] * sd * _beyond(side[k] * (limit[k] - mean) / sd)
 
 
-@njit(**KERNEL)
+@njit(nogil=True, **INSIDE)
 def _beyond(least):
     """A draw of the standard normal law above some value, by rejection (C. Robert,
     "Simulation of truncated normal variables", Stat. Comput. 5, 1995).

@@ -14,7 +14,8 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import chi2, multivariate_t
 from scipy.stats.qmc import LatinHypercube
 
-from sensorid import GROUP, JIT, LOG_2PI, at_quantiles, brief, free_columns, tempered
+from sensorid import (
+    GROUP, INSIDE, LOG_2PI, at_quantiles, brief, free_columns, tempered)
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import explained, in_parts, parts_at
 from sensorlab.gap.kernels import (
@@ -383,7 +384,7 @@ ONSET_BIN = 16          # samples whose likeliest onset stands for all of them a
 WILD_SQUARE = 25.0      # squared standard score of what may be an outlier
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _draw_one(mass, u):
     """Number at the quantile u of a law, and the quantile within it."""
     k = 0
@@ -393,7 +394,7 @@ def _draw_one(mass, u):
     return k, min(max(u / mass[k], 1e-6), 1.0)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _draw_onset(gain, peak, u):
     """Onset, in samples, at the quantile u of a law of these log odds, and the log of
     its density over a uniform one; `peak` is the largest gain of every bin.
@@ -464,7 +465,7 @@ def _draw_onset_groups(first, last, lanes, y, h, own, pair, early, late, u, leas
             onset[start + g] += least
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _add_scores(y, h, pair, parts, P, r, factor, odds):
     """ln f + nu^2/f of every sample times a factor, added to odds (N, lanes), of
     filters abreast of white noise of variance r (lanes,).

@@ -28,7 +28,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numba import get_num_threads, njit
 
-from sensorid import DUST, JIT
+from sensorid import DUST, INSIDE, JIT
 
 KERNEL = dict(JIT, nogil=True)
 LANES = 16         # a multiple of it is vectorised as a whole
@@ -68,7 +68,7 @@ def groups(count, lanes):
     return -(-count // lanes)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def turn(parts, pair, x):
     """Phi x in place, x (n, lanes); of the parts (2 or more, n, lanes), Phi has the
     first on its diagonal, the second beside it.
@@ -85,7 +85,7 @@ def turn(parts, pair, x):
                 x[t, g] = parts[0, t, g] * x[t, g] + parts[1, t, g] * old
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def turn_covariance(parts, pair, P):
     """Phi P Phi' in place, P (n, n, lanes), of which the lower half is kept."""
     n = len(pair)
@@ -119,7 +119,7 @@ def turn_covariance(parts, pair, P):
                 P[t, s, g] = both * (a * c + b * d) + (a * d * first + c * b * second)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def load(own, pair, node, parts, P):
     """The first numbers of the nodes of all lanes, parts (6, n, lanes), and the
     covariance P (n, n, lanes) at first.
@@ -137,7 +137,7 @@ def load(own, pair, node, parts, P):
                 P[s, pair[s], g] = parts[5, s, g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def drive(own, node, later, i, parts):
     """The noises of the states of all lanes at sample i, which change at `later` (M,);
     the next sample at which one does, -1 if none.
@@ -153,7 +153,7 @@ def drive(own, node, later, i, parts):
     return due
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def observe_covariance(parts, pair, h, P, Ph, f):
     """P (n, n, lanes), turned, with the noise of a step, its product Ph (n, lanes) with
     h, and h P h' added to f (lanes,), Eqs. (6), (8).
@@ -175,7 +175,7 @@ def observe_covariance(parts, pair, h, P, Ph, f):
             f[g] += h[s] * Ph[s, g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def update_covariance(P, Ph, weight):
     """P less Ph weight Ph'; the weight (lanes,) is 1/f, 0 where nothing is seen."""
     n = len(Ph)
@@ -185,7 +185,7 @@ def update_covariance(P, Ph, weight):
                 P[s, t, g] -= Ph[s, g] * Ph[t, g] * weight[g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def observe_state(h, x, nu):
     """What h sees of x (n, lanes), turned, leaves nu (lanes,), Eq. (7)."""
     for s in range(len(h)):
@@ -193,7 +193,7 @@ def observe_state(h, x, nu):
             nu[g] -= h[s] * x[s, g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def update_state(x, Ph, gain):
     """x with Ph gain added, Eq. (4); the gain (lanes,) is nu times the weight."""
     n = len(Ph)
@@ -300,7 +300,7 @@ def _whiten_groups(first, last, lanes, y, H, turned, pair, gain, per_sigma, z):
                 _without_dust(x.ravel())
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _turn_one(a, b, pair, x):
     """`turn` of one lane."""
     for s in range(len(pair)):
@@ -370,7 +370,7 @@ def _whiten_groups_back(begin, end, lanes, u, first, H, turned, pair, gain, per_
                 _without_dust(x.ravel())
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _in_lanes(turned, lanes):
     """The factors (2, n) of a node in so many lanes, (2, n, lanes)."""
     result = np.empty((*turned.shape, lanes))
@@ -470,7 +470,7 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
             log_det[node[g]] = log_f[g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _copy(source, target):
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
@@ -481,7 +481,7 @@ def _copy(source, target):
 DUSTED = 64    # samples after which that is asked again
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _without_dust(x):
     """Numbers of states (.,) that have nearly decayed are 0: see `sensorid.DUST`."""
     for k in range(len(x)):
@@ -489,7 +489,7 @@ def _without_dust(x):
             x[k] = 0.0
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _go_there(y, observed, noise, h, own, node, later, begin, parts, of_columns, pair,
               P, x, K, weight, gain):
     """A stretch of the way there of `adjoint` from the sample `begin` on: K = Phi P h
@@ -534,7 +534,7 @@ def _go_there(y, observed, noise, h, own, node, later, begin, parts, of_columns,
                     x[s, c, g] += Ph[s, g] * gain[c, i, g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _go_back(N, h, back, of_columns, pair, K, weight, gain, R, D, steps):
     """A stretch of N samples of the way back of `adjoint`: gain (C, ., lanes) becomes
     C^-1 y; steps (., lanes) becomes s' C^-1 s; R (n, C, lanes) and D are what comes
@@ -583,7 +583,7 @@ PER_LN_2 = 1.0 / math.log(2.0)
 LN_2 = 0.6931471803691238, 1.9082149292705877e-10    # in two parts, the first short
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def exponentials(x, power, bits):
     """exp of x (lanes,) up to 0 in place, to 1e-15 of it, below -708 as there: that of
     a library takes one number at a time. Powers of two are made in `power` (lanes,), of
@@ -637,7 +637,8 @@ def _multiply_rows(first, last, rows, columns, result):
                         result[m + row, c + k] += both[row][k]
 
 
-SUMS = dict(KERNEL, fastmath={"contract", "reassoc"})    # in the order of the lanes
+SUMS = dict(INSIDE, nogil=True, fastmath={"contract", "reassoc"})    # in the order of
+                                                                     # the lanes
 
 
 @njit(**SUMS)
@@ -665,7 +666,7 @@ def _eight_products(r, q, a, b, c, d):
     return (ra, rb, rc, rd), (qa, qb, qc, qd)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def spectrum(a, q, turn):
     """Spectrum of a sum of one-state processes at turn = |1 - exp(-i w)|^2."""
     S = 0.0

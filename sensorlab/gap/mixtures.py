@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.special import logsumexp
 
-from sensorid import JIT
+from sensorid import INSIDE
 from sensorlab.gap.kernels import (
     KERNEL, LANES, drive, exponentials, groups, in_threads, lanes_for, load,
     observe_covariance, observe_state, turn, turn_covariance, update_covariance,
@@ -281,7 +281,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             total[record[g], node[g]] = -log_f[g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _least_of_paths(half, least):
     """The least of each lane over its paths (paths, lanes), in all of them."""
     paths, lanes = half.shape
@@ -294,7 +294,7 @@ def _least_of_paths(half, least):
             least[path, g] = least[0, g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _share_paths(here, prior, seen, mass, share, weight):
     """Probabilities (2, lanes) of the levels after a sample, and that a path (4, lanes)
     is the one that led to its level; where nothing is seen, as before.
@@ -313,7 +313,7 @@ def _share_paths(here, prior, seen, mass, share, weight):
             share[second, g] = 1.0 - share[first, g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _merge_paths(share, gain, shrink, apart, new, x, P, Ph):
     """One Gaussian of each level after a sample, from the two that have led there:
     x (n, 2, lanes) and P (n, n, 2, lanes).

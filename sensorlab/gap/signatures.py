@@ -10,7 +10,7 @@ from typing import Callable, NamedTuple
 import numpy as np
 from numba import njit
 
-from sensorid import JIT, brief
+from sensorid import INSIDE, brief
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
 from sensorlab.gap.filters import cut, summed
@@ -47,7 +47,7 @@ def bayes_table():
     return {k: np.logaddexp.reduce(log_bayes(GAIN_ROOT**2, k), axis=-1) for k in (1, 2)}
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _looked_up(gain, table, per_unit):
     at = np.sqrt(gain) * per_unit
     low = int(min(at, len(table) - 1.0))

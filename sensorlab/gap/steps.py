@@ -11,7 +11,7 @@ age, or drop the unlikely ones). Lanes, and the steps of every recursion, are th
 import numpy as np
 from numba import njit
 
-from sensorid import JIT
+from sensorid import INSIDE
 from sensorlab.gap.kernels import (
     KERNEL, drive, exponentials, load, observe_covariance, observe_state, turn,
     turn_covariance, update_covariance, update_state)
@@ -139,7 +139,7 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, 
             total[record[g], node[g]] = -log_f[g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _grow_older(i, weight, begin, x, P, prior, mean, spread):
     """States x (n, ages, lanes) and P (n, n, ages, lanes) of the ages at sample i,
     before it is predicted, and their probabilities `prior` (ages, lanes).

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.polynomial.chebyshev import cheb2poly, chebfit
 from scipy.special import erfcx
 
-from sensorid import JIT, LOG_2PI
+from sensorid import INSIDE, LOG_2PI
 from sensorlab.gap.kernels import KERNEL, LANES
 
 UNROLLED = 6           # states that a filter of outliers has at most, none in pairs;
@@ -36,7 +36,7 @@ def _series_of_tail(degree=14):
 TAIL = _series_of_tail()
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def exponential(x):
     """exp of a number from -708 to 0 to 1e-12 of it, for vectors, by the 1024th power
     of its series; of less, as of -708.
@@ -50,7 +50,7 @@ def exponential(x):
     return e
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def tail(score):
     """Probability of a normal score beyond one that is not negative, to 1e-9 of it: the
     function of a library takes one number at a time.
@@ -64,7 +64,7 @@ def tail(score):
     return 0.5 * t * series * e * (1.0 if a < 26.4 else 0.0)
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def probabilities_beside(rate, prior, per_f, e, score, beyond, told):
     """Predictive probabilities below and above a sample, the first rows of told
     (2 or 5, lanes), over paths (paths, lanes or more) and kinds.
@@ -89,7 +89,7 @@ def probabilities_beside(rate, prior, per_f, e, score, beyond, told):
                 told[1, g] += beyond[g] if positive else near
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def weigh_kinds(prior, rate, wider, e, v, per_f, half, term):
     """Of usual samples and of outliers, the first axis of per_f, half and term (kinds,
     lanes), if there are two kinds: one over the variance of the innovation e, what its
@@ -105,7 +105,7 @@ def weigh_kinds(prior, rate, wider, e, v, per_f, half, term):
                 rate[g] if kind else 1.0 - rate[g])
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def add_log_density(seen, mass, least, due, log_f, product):
     """The log density of a sample, where it is seen, added to log_f (lanes,); most of
     it waits in `product` until one logarithm is `due` for many samples.
@@ -119,7 +119,7 @@ def add_log_density(seen, mass, least, due, log_f, product):
             product[g] = 1.0
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def weigh_updates(term, here, per_f, e, wild, gain, shrink):
     """By what a sample that is seen moves states and shrinks covariances, (lanes,), and
     its probability of an outlier: those of both kinds as one Gaussian.
@@ -134,7 +134,7 @@ def weigh_updates(term, here, per_f, e, wild, gain, shrink):
         gain[g] = k * e[g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def odd_and_log_score(here, wild, mass, least, weight, told):
     """The other rows of told: probability of an outlier, log density, and probability
     of the second level.
@@ -148,7 +148,7 @@ def odd_and_log_score(here, wild, mass, least, weight, told):
         told[4, g] = 1.0 - weight[g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def lanes_of_group(group, lanes, M, out):
     """Numbers of the record and of the node, of M, of every lane of a group; how many
     lanes are in use, and how many of them `out` is told of: their nodes come first.
@@ -159,7 +159,7 @@ def lanes_of_group(group, lanes, M, out):
     return both % R, both // R, number, min(number, max(R * told - begin, 0))
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _write(told, y, begin, out):
     """What is told of the samples (rows, STRETCH) from one on, where they are seen, in
     the rows of a record y (N,) in `out` (rows, N).
@@ -224,7 +224,7 @@ def filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
             total[record[g], at[g]] = -log_f[g] - node[(kept + 6) * LANES + g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _outliers_unrolled(H, i, states, node):
     """A sample of a filter of outliers in all lanes, of as many states as another:
     unrolled, and in one array, as `sensorid._gain_unrolled` is.
@@ -307,7 +307,7 @@ ROWS = dict(
 TOLD = SHARE - E    # rows of which a sample is told
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _value_row(n):
     return 10 * n + 2 * n * n
 
@@ -396,13 +396,13 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, out, tot
             total[record[g], at[g]] = -log_f[g] - node[(v + EXPONENTS) * LANES + g]
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _lower(n, s, t):
     """Where an element of a symmetric matrix is, whose lower half is kept."""
     return s * n + t if s >= t else t * n + s
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _turn(states, level, node):
     """Phi P of a level of a chain, where the first level will be."""
     n, P = len(states), 8 * len(states) + len(level) * len(states)**2
@@ -421,7 +421,7 @@ def _turn(states, level, node):
                 node[(turned + s * n + t) * LANES + g] = new
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _predict(states, level, chain, node):
     """Covariance of a level at a sample, Eq. (5), after `_turn` if it is a chain."""
     n, P = len(states), 8 * len(states) + len(level) * len(states)**2
@@ -448,7 +448,7 @@ def _predict(states, level, chain, node):
                 node[(P + k) * LANES + g] = new
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _observe(states, level, chain, node):
     """State of a level at a sample, its innovation and the variance of this, Eqs. (6)
     to (8).
@@ -477,7 +477,7 @@ def _observe(states, level, chain, node):
         node[(v + F + at) * LANES + g] = f
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _take_path(states, to, start, node):
     """What a path from one level to one makes of a sample."""
     v, path = _value_row(len(states)), 2 * len(to) + len(start)
@@ -494,7 +494,7 @@ def _take_path(states, to, start, node):
         node[(v + HERE + path) * LANES + g] = 0.5 * per_f * e * e
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _weigh_paths(states, node):
     """Shares of the paths in the density of a sample."""
     v = _value_row(len(states))
@@ -511,7 +511,7 @@ def _weigh_paths(states, node):
                 * exponential(least - node[(v + HERE + path) * LANES + g]))
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _share_levels(states, node):
     """Probabilities of the levels after a sample, and that a path is the one that led
     to its level; where nothing is seen, as before.
@@ -541,7 +541,7 @@ def _share_levels(states, node):
                 seen * node[(v + PER_F + path) * LANES + g])
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _merge_states(states, level, node):
     """The state of a level after a sample, from the two that have led there: of the
     first where it waits for the second. How far they are apart is kept for its
@@ -566,7 +566,7 @@ def _merge_states(states, level, node):
             node[(apart + s) * LANES + g] = off
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _merge_covariances(states, level, node):
     """The covariance of a level after a sample, one Gaussian for two."""
     n, to, v = len(states), len(level), _value_row(len(states))
@@ -592,7 +592,7 @@ def _merge_covariances(states, level, node):
                     first - second + off * node[(apart + t) * LANES + g])
 
 
-@njit(**JIT)
+@njit(**INSIDE)
 def _go_on(states, node):
     """Both levels as they are after a sample."""
     n, made = len(states), _value_row(len(states)) + MADE

@@ -122,7 +122,7 @@ def path(name):
 def leads(some, path):
     """Does a path end with the last of some of its parts, which come in order?"""
     rest = iter(path)
-    return len(some) > 1 and some[-1] == path[-1] and all(p in rest for p in some)
+    return len(some) > 1 and some[-1:] == path[-1:] and all(p in rest for p in some)
 
 
 def ends(path):

@@ -124,13 +124,14 @@ def _dialect(lines):
     begin, units = _preamble([line for _, line in plain])
     first, rows = plain[begin], [line for _, line in plain[begin:begin + 20]]
     separator, numeric = _separator(rows[:1] + rows[1 + bool(units):])
-    if not numeric:
+    cells = _cells(first[1], separator)
+    commented = _cells(_bare(above[-1][1]), separator) if above else []
+    named = len(commented) == len(cells) and not any(map(NUMBER.fullmatch, commented))
+    if named and (numeric or any(map(NUMBER.fullmatch, cells))):
+        header, skip = _bare(above[-1][1]), first[0]
+    elif not numeric:
         header, skip = first[1], plain[begin + bool(units)][0] + 1
         rows = rows[1 + bool(units):]
-    elif above and len(_cells(_bare(above[-1][1]), separator)) == len(
-            _cells(first[1], separator)) and not _numeric(
-            _cells(_bare(above[-1][1]), separator)):
-        header, skip = _bare(above[-1][1]), first[0]
     else:
         header, skip = None, first[0]
     width = len(_cells(rows[0], separator)) if rows else 0
