@@ -449,7 +449,7 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
         raise ValueError(f"prior {prior!r} of {name} is neither 'uniform' nor 'log'")
     bias_given, bias_sigma = bias_sigma is not None, (
         1.0 if bias_sigma is None else bias_sigma)
-    if not 0.0 <= as_number(bias_sigma, f"bias_sigma of {name}") < np.inf:
+    if not 0.0 <= as_number(bias_sigma, f"bias_sigma of {name}") < LARGEST:
         raise ValueError(f"bias_sigma = {bias_sigma} of {name} "
                          "is not a finite number >= 0")
     priors = tuple(as_parameter(name, s, parameters[s], prior)
@@ -485,6 +485,9 @@ def as_number(value, what):
         raise ValueError(f"{what} is too large a number") from None
 
 
+LARGEST = 1e50    # number of a model: fourth powers must be finite
+
+
 def as_parameter(name, symbol, value, prior):
     """Prior of one parameter from a number or a range."""
     what = f"{symbol} of {name}"
@@ -496,8 +499,9 @@ def as_parameter(name, symbol, value, prior):
         low, high = (as_number(v, what) for v in value)
     else:
         raise ValueError(f"{what} is {value!r}: give a number or a range [low, high]")
-    if not (np.isfinite(low) and np.isfinite(high)):
-        raise ValueError(f"{what} is {value!r}: both ends must be finite")
+    if not (abs(low) < LARGEST and abs(high) < LARGEST):
+        raise ValueError(f"{what} is {value!r}: both ends must be finite, and less than"
+                         f" {LARGEST:g}")
     if low > high:
         raise ValueError(f"range [{low:g}, {high:g}] of {what} is upside down: "
                          "low <= high")

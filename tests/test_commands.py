@@ -156,7 +156,6 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify none.csv", "none.csv: no such file"),
     ("identify r.npz --column nope", "no column 'nope' among error"),
     ("identify r.npz --model none.json", "no such model file"),
-    ("identify r.npz --dt -1", "sampling interval is -1.0 s"),
     ("identify r.npz --hypotheses sine", "unknown hypothesis 'sine'"),
     ("identify r.npz --model m.json --dt 0.5", "but the model is for dt = 1 s"),
     ("identify r.npz --json no/such/o.json", "cannot be written"),
@@ -183,7 +182,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("simulate m.json --samples 9 --dt 2 --out s.npz", "m.json is for dt = 1 s, not"),
     ("simulate m.json --samples 9 --from 2 --out s.npz", "--from goes with --like"),
     ("simulate m.json --samples 9 --average 2 --out s.npz", "--average goes with"),
-    ("criteria m.json --duration -5", "0 < dt <= duration"),
+    ("plan r.npz --duration 1e12", "too large for the memory"),
     ("criteria m.json --duration 50 --trials 1", "at least 16"),
 ])
 def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, message):
@@ -197,7 +196,10 @@ def test_bad_input_gets_one_line_and_leaves_nothing(folder, capsys, line, messag
 @pytest.mark.parametrize("line, message", [
     ("", "required"), ("identify", "required"), ("guess r.npz", "invalid choice"),
     ("simulate m.json --out s.npz", "one of the arguments --samples --like"),
-    ("criteria m.json --duration long", "invalid float"),
+    ("criteria m.json --duration long", "long is not a number of seconds > 0"),
+    ("criteria m.json --duration -5", "-5 is not a number of seconds > 0"),
+    ("plan r.npz --duration nan", "nan is not a number of seconds > 0"),
+    ("identify r.npz --dt -1", "-1 is not a number of seconds > 0"),
     ("simulate m.json --samples 0 --out s.npz", "0 is not a whole number from 1"),
     ("criteria m.json --duration 9 --trials 1e30", "1e30 is not a whole number"),
     ("criteria m.json --duration 9 --trials " + 31 * "1", "is not a whole number"),

@@ -377,7 +377,7 @@ def test_the_command_writes_or_prints_and_says_what_is_lost(tmp_path, capsys):
     (["--horizon", "0.001"], "shorter than the sampling interval"),
     (["--horizon", "nan"], "shorter than the sampling interval"),
     (["--horizon", "inf"], "holds more than 1000000 samples"),
-    (["--duration", "0"], "holds no two samples"),
+    (["--duration", "1e-9"], "holds no two samples"),
     (["--out", "no/such/file"], "cannot be written")])
 def test_bad_options_get_one_line(tmp_path, capsys, more, message):
     file = model_of(tmp_path, MARKOV)

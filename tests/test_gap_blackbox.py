@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import DT
 from numpy.testing import assert_allclose
+from scipy.signal import lfilter
 
 import sensorid
 import sensorlab
@@ -168,3 +169,32 @@ def test_a_stronger_effect_than_theirs_is_not_shared():
     assert not simulator.effects[0]
     d = sensorlab.diagnose(y, DT, simulator, simulated=theirs[None])
     assert d.verdict == "outliers"
+
+
+def behind_a_filter(rng, tau, lsb, n=2000):
+    """White noise of variance 1 before a low-pass, then rounded."""
+    a = np.exp(-0.01 / tau)
+    return lsb * np.round(lfilter([1.0 - a], [1.0, -a], rng.normal(size=n + 50))[50:]
+                          * np.sqrt((1.0 + a) / (1.0 - a)) / lsb)
+
+
+@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.large)])
+def test_what_their_record_shows_weakly_is_no_gap(seed):
+    # of six records of one law, that which shows the low-pass least
+    rng = np.random.default_rng(seed)
+    y, *others = (behind_a_filter(rng, 0.0045, 0.1) for _ in range(7))
+    theirs = min(others, key=lambda z: np.mean(z[1:] * z[:-1]))
+    simulator = sensorlab.simulator_from(theirs[None], 0.01)
+    assert not any(one.name == "bandwidth" for one in simulator.effects[0])
+    d = sensorlab.diagnose(y, 0.01, simulator, simulated=theirs[None])
+    assert d.verdict == "none"
+
+
+def test_counts_that_both_have_are_no_gap_where_one_is_smoother():
+    rng = np.random.default_rng(1)
+    theirs = 0.08 * np.round(rng.normal(size=2000) / 0.08)
+    a = np.exp(-0.01 / 0.0085)
+    y = 0.08 * np.round(lfilter([1.0 - a], [1.0, -a], rng.normal(size=2000)) / 0.08)
+    d = sensorlab.diagnose(y, 0.01, sensorlab.simulator_from(theirs[None], 0.01),
+                           simulated=theirs[None])
+    assert d.verdict == "bandwidth"

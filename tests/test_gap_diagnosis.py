@@ -191,6 +191,39 @@ def test_what_drifts_returns_or_lags_is_named(effect):
         assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
 
 
+@pytest.mark.large
+def test_a_wide_play_has_its_width():
+    t, rng = np.arange(2000), np.random.default_rng(3)
+    T = 25.0 + 4.0 * np.sin(2.0 * np.pi * t / 667.0)
+    behind = [T[0]]
+    for now in T[1:]:
+        behind.append(min(max(behind[-1], now - 2.4), now + 2.4))    # 0.3 of 8
+    y = rng.standard_normal(2000) + 0.4 * (T - behind) / 2.4
+    d = sensorlab.diagnose(y, 0.01, [sensorid.hypothesis("white_noise", sigma_v=1.0)],
+                           dict(temperature=T))
+    assert d.verdict == "hysteresis"
+    play, sd = d.found[0].values["play"]
+    assert abs(play - 0.3) < 3.0 * sd < 0.15
+
+
+def test_noise_of_another_law_is_no_wrong_parameter():
+    # of the variance that the simulator has, to a hundredth
+    y = np.random.default_rng(77028).laplace(scale=0.5**0.5, size=3000)
+    d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=1.0)])
+    assert "wrong_parameter" not in d.verdict.split("+") or d.closure.closed > 0.0
+
+
+def test_a_wrong_parameter_is_named_once():
+    # a dead zone: a third of the samples is zero, where no density of a noise ends
+    rng = np.random.default_rng(77011)
+    y = 1.2 * np.sin(2.0 * np.pi * np.arange(3000) / 400.0) + rng.standard_normal(3000)
+    y = np.sign(y) * np.maximum(np.abs(y) - 0.6, 0.0)
+    d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis(
+        "white_noise", sigma_v=(0.5, 2.0))])
+    named = [one.values["parameter"] for one in d.found if one.effect.factor]
+    assert len(named) == len(set(named)) <= 1
+
+
 @pytest.mark.parametrize("effect, variant, values", [
     ("narrow_band_noise", "", dict(frequency=0.19, tau=20.0, sigma=0.4)),
     ("bandwidth", "second order", dict(tau=0.7)),

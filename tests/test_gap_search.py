@@ -38,7 +38,7 @@ def exchanged(monkeypatch, **beside_the_step):
                         prior: (acc, {}, path, leaves))
     old = account(100.0)
     return search._exchanged(scene, old, path, leaves, {0: account(90.0)}, (),
-                             lambda *_: False), old, best
+                             None), old, best
 
 
 def test_what_explains_more_beside_the_others_takes_its_place(monkeypatch):

@@ -50,6 +50,12 @@ def test_empty_cells_are_missing_where_that_is_allowed(tmp_path):
     assert np.isnan(read(file, allow_missing=True).error[7])
 
 
+@pytest.mark.parametrize("wanted", ["gyro/x", "imu.angular_velocity.x"])
+def test_a_channel_with_a_path_that_is_not_there_is_told_what_is(wanted):
+    with pytest.raises(ValueError, match=f"no column '{wanted}' among error"):
+        read(dict(error=np.arange(40.0), dt=1.0), wanted)
+
+
 def test_an_uneven_record_is_refused_or_resampled(tmp_path):
     time = np.cumsum(np.random.default_rng(2).uniform(0.5, 1.5, 40))
     file = csv(tmp_path / "r.csv", dict(time=time, error=2 * time + 1))
@@ -58,7 +64,9 @@ def test_an_uneven_record_is_refused_or_resampled(tmp_path):
     record = read(file, resample=True)
     seen = ~np.isnan(record.error)
     even = time[0] + record.dt * np.arange(len(record.error))
-    assert_allclose(record.error[seen], (2 * even + 1)[seen], rtol=1e-8)
+    off = record.error[seen] - (2 * even + 1)[seen]
+    assert np.abs(off).max() <= 2 * record.dt / 2 + 1e-9
+    assert set(record.error[seen]) <= set(read(file, dt=1.0).error)
 
 
 @pytest.mark.parametrize("text, message", [
@@ -68,6 +76,7 @@ def test_an_uneven_record_is_refused_or_resampled(tmp_path):
     ("time,rate\n0,1\n1,2\n", "no column 'error' among rate"),
     ("time,error,error\n0,1,2\n", "names error more than once"),
     ("time,error\n", "0 samples"),
+    ("time,error\n0,1\n1,2\n2,3,5\n", "line 4 has 3 cells, not 2: a decimal comma"),
     ("time,error\n0,1\n1,high\n", "line 3: 'high' in column error is not a number"),
     ("time,error\n0,1\n1\n", "1 NaN or empty values, the first at sample 1"),
     ("time,error\n0,1\n", "1 samples"),

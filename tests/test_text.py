@@ -96,6 +96,14 @@ def test_rostopic_names_its_columns_after_a_percent_sign(tmp_path):
         assert record.clock == "dt 5 ms from time, taken as ns"
 
 
+@pytest.mark.parametrize("sign", "%#")
+def test_a_header_in_a_comment_counts_beside_columns_of_text(tmp_path, sign):
+    (tmp_path / "imu.csv").write_text(
+        sign + "time,field.header.frame_id,field.angular_velocity.x\n" + "".join(
+            f"{1403636579758 + 5 * i}000000,imu,{y}\n" for i, y in enumerate(Y)))
+    assert_array_equal(read(tmp_path / "imu.csv", "angular_velocity.x").error, Y)
+
+
 def test_a_file_without_a_header_goes_by_number(tmp_path):
     (tmp_path / "one.txt").write_text("\n".join(map(str, Y)))
     assert_array_equal(read(tmp_path / "one.txt", dt=0.02).error, Y)
@@ -138,7 +146,7 @@ def test_times_as_loggers_write_them(tmp_path, names, form, dt, said):
 @pytest.mark.parametrize("content, message", [
     ("", "no header and no row"), ("# nothing\n", "no header and no row"),
     ("time,error\x00\n1,2\n", "holds NUL bytes"),
-    ("time,error\n1,2\n1,2,3\n", "Expected 2 fields in line 2, saw 3"),
+    ("time,error\n1,2\n1,2,3\n", "line 3 has 3 cells, not 2"),
     ('time,error\n1,"2\n', "EOF inside string"),
     (dialect(";", "time;error", decimal=",").replace("0,04", "1.000,04"),
      "'1.000,04' in column time"),

@@ -120,7 +120,7 @@ def parser():
                "At another dt the random walk and the density of the white noise stay.")
     two.add_argument("model", type=_file, metavar="M.json",
                      help="hypotheses and priors")
-    two.add_argument("--duration", type=float, required=True, metavar="S",
+    two.add_argument("--duration", type=_interval, required=True, metavar="S",
                      help="record length, s; with a target, the longest in question")
     two.add_argument("--trials", type=_count, metavar="L",
                      help="trials (default 500; 4000 with a target)")
@@ -192,7 +192,7 @@ def parser():
     six.add_argument("--target-rsd", action="append", default=[], metavar="NAME=R",
                      help="which length gives this relative standard deviation, such "
                           "as tau_m=0.2; may be repeated")
-    six.add_argument("--duration", type=float, metavar="S",
+    six.add_argument("--duration", type=_interval, metavar="S",
                      help="longest record in question, s (default 16 times this one)")
     _hypotheses_options(six)
     six.add_argument("--trials", type=_count, default=100, metavar="L",
@@ -251,9 +251,9 @@ def parser():
                       help="which pair is written (default bound)")
     five.add_argument("--unit", type=_text, metavar="U",
                       help="of a model that does not say it, such as deg/s")
-    five.add_argument("--dt", type=float, metavar="S",
+    five.add_argument("--dt", type=_interval, metavar="S",
                       help="sampling interval of a file that does not say it, s")
-    five.add_argument("--duration", type=float, metavar="S",
+    five.add_argument("--duration", type=_interval, metavar="S",
                       help="of the records behind a bias_instability, s (default 3600)")
     five.add_argument("--out", type=_file, metavar="FILE",
                       help="file to be written (default: standard output)")
@@ -279,15 +279,21 @@ def _numbers(text):
         raise argparse.ArgumentTypeError(f"{text} is not a number") from None
 
 
-def _time(text):
+def _time(text, least=0.0):
     """A time of the command line, s."""
     try:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not 0.0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds >= 0")
+    if not least <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds "
+                                         f"{'>' if least else '>='} 0")
     return value
+
+
+def _interval(text):
+    """A length of time of the command line, s."""
+    return _time(text, 5e-324)
 
 
 def _seed(text):
@@ -350,7 +356,7 @@ def _record_options(parser, several=False):
                              "imu/angular_velocity/x (default error)"
                              + "; several by comma, gyro for all of its axes, all for "
                                "those of the file" * several)
-    parser.add_argument("--dt", type=float, metavar="S",
+    parser.add_argument("--dt", type=_interval, metavar="S",
                         help="sampling interval, s "
                              "(default: from the clock of the record or the scalar dt)")
     parser.add_argument("--from", dest="start", type=_time, metavar="S",
@@ -361,6 +367,7 @@ def _record_options(parser, several=False):
                         help="take means of M samples, which shortens a long record; "
                              "a model must be for that interval")
     parser.add_argument("--resample", action="store_true",
-                        help="interpolate an uneven record onto even times")
+                        help="take each sample of an uneven record at the nearest even "
+                             "time; where there is none, it is missing")
     parser.add_argument("--allow-missing", action="store_true",
                         help="take NaN and empty cells as missing samples")

@@ -5,7 +5,8 @@ import numpy as np
 from sensorid import default_hypotheses
 from sensorlab.commands.progress import progress_bar
 from sensorlab.commands.shared import (
-    check_outputs, hypothesis_names, read_each, refuse_effects, targets, write_json)
+    check_memory, check_outputs, hypothesis_names, read_each, refuse_effects, targets,
+    write_json)
 from sensorlab.drawings import matplotlib_for_files, save
 from sensorlab.drawings.style import AFTER, BEFORE, INK, styled
 from sensorlab.modelfiles import read_model
@@ -30,6 +31,7 @@ def run(options):
     (record,) = records
     now = record.dt * len(record.error)
     duration = AHEAD * now if options.duration is None else options.duration
+    check_memory(duration / record.dt)
     hypotheses = model.simulator.hypotheses if model else for_longer(
         default_hypotheses(record.error, record.dt, names), max(duration / now, 1.0))
     if not any(p.free for h in hypotheses for p in h.parameters):

@@ -22,7 +22,7 @@ class Process(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """A model file in rad/s or m/s^2, its ranges at their middle."""
+    """A model file in rad/s or m/s^2, its ranges at their mean."""
 
     kind: str             # "gyroscope" or "accelerometer"
     name: str             # of the hypothesis and its effects
@@ -123,7 +123,7 @@ def axis(model, unit=None, duration=3600.0):
                        louder=si**2 * jumps.louder, step=si**2 * jumps.step),
         si * readings.get("lsb", 0.0),
         tuple(si * np.array(readings.get("limits", [-np.inf, np.inf]))),
-        tuple(_strange(effects)))
+        (*_strange(effects), *_ranges(member)))
 
 
 def _scaled(filt, si):
@@ -131,6 +131,13 @@ def _scaled(filt, si):
     loudest = max(filt.Gamma[:1], filt.Gamma[-1:], key=np.linalg.norm)
     return filt._replace(Gamma=si * loudest, Psi=si * filt.Psi, m0=si * filt.m0,
                          P0=si**2 * filt.P0)
+
+
+def _ranges(member):
+    """What is lost of the ranges of parameters, in words."""
+    free = list(dict.fromkeys(p.symbol for p in member.parameters if p.free))
+    if free:
+        yield f"the ranges of {', '.join(free)}: each is at its mean"
 
 
 def _strange(effects):

@@ -636,10 +636,8 @@ def with_signature(scene, acc, one, floor=-np.inf):
 
 def estimated_together(full, acc, path):
     """The set of effects of a path with the parameters that its account gives them:
-    each was found before the others were known.
+    each was found before the others were known, or beside some that are left out.
     """
-    if len(path.found) < 2:
-        return path
     result, at = [], len(acc.signatures) - sum(
         bool(one.effect.columns) for one in path.found)
     solved = solved_by(acc, as_read(full, acc.readings))
@@ -846,7 +844,9 @@ def _with_wrong_scale(scene, acc, effect, floor):
     """The rival in which one factor, wrong units say, is on all standard deviations, if
     there are several of which the record pushes against one.
     """
-    if any(one.effect.factor for one in acc.member.effects):
+    if any(one.effect.factor for one in acc.member.effects) or any(
+            isinstance(p, Beyond) and p.symbol.startswith("sigma")
+            for p in acc.member.parameters):
         return
     columns = [[c for c, (_, symbol) in enumerate(h.keys) if symbol.startswith("sigma")]
                for h in acc.hypotheses]
@@ -902,10 +902,10 @@ def _column(h, key):
 
 def _widened(h, sample, key, factor, scene, signatures):
     """The hypothesis with a wide prior of one parameter, as wide as an effect allows;
-    does the record push for it?
+    does the record push for it? One that is wrong already is as wide as it may be.
     """
     column = _column(h, key)
-    if column is None:
+    if column is None or isinstance(h.parameters[column], Beyond):
         return h, False
     p, (effect, symbol) = h.parameters[column], key
     low, high = p.low / factor, p.high * factor

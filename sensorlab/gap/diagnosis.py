@@ -124,7 +124,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     """`diagnose`, of a scene and a simulator that have been checked."""
     say("measuring where it differs", 2)
     had, seen = compared(raw, [one for one in simulator.pairs[0][1]
-                               if one.effect.reading], simulated is not None)
+                               if one.effect.reading], simulated)
     full, known, free, bases = _without_known(
         simulator, raw, latent_mean(raw.y, seen),
         any(r.placed for r in seen))
@@ -153,26 +153,30 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
 
     def sought(acc, path, effects):
         again = functools.partial(search, full, acc, path, before=before,
-                                  glanced=glanced, shared=own.show if own else (
-                                      lambda *_: False))
+                                  glanced=glanced, twins=own)
         return beside_steps(full, again(effects), again, effects)
     by = described(sought(start, found, effects))
     if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it
         nothing = by.search.after is before
         before = unshared(_surely(full, base, trials, seed, near=alone))
         by = described(by.search._replace(after=before) if nothing else by.search)
-    causes = all_causes(by.search, start, before, by.rest, [
-        one for one, part in zip(by.found, by.parts) if part.stays])
-    verdict = verdict_of(causes)
-    if not names_all(verdict, by.found):
+    whole, staying = by, [one for one, part in zip(by.found, by.parts) if part.stays]
+    while True:
+        causes = all_causes(whole.search, start, before, whole.rest, staying)
+        verdict = verdict_of(causes)
+        if names_all(verdict, by.found):
+            break
         names = set(names_in(verdict))
-        named = narrowed(full, by.search, names, glanced)
+        named = narrowed(full, whole.search, names, glanced)
         if not names <= {"unknown", *(one.name for one in by.found)}:
             # a rival of what is named was the first
             begun = (named.account, named.path) if len(named.path.found) > len(
                 found.found) else (start, found)
             named = sought(*begun, [e for e in effects if e.name in names])
         by = described(named)
+        if "unknown" not in names or not by.closure.interval[1] < 0.0:
+            break
+        by, staying = whole, []    # with what is named the gap is wider
     final, after = by.search.account, by.search.after
     seen = max(np.sum(~np.isnan(as_read(full, start.readings).y)), 1)
     more = final.signatures or len(final.member.effects) > len(start.member.effects)

@@ -109,14 +109,20 @@ def readings(scene):
     return tuple(seen)
 
 
-def compared(scene, own, measured):
+def compared(scene, own, simulated=None):
     """Readings (of Reading) that the simulator has and those that the record shows,
     from those that are said to be its `own` (of Found). What both have is worth 0 nats.
 
-    Where the simulator was `measured`, as the record was, both were rounded by the same
-    sensor: a record that lies on no lattice was added to since.
+    Where records of the simulator, `simulated` (L, N), are all that is known of it,
+    both were rounded by the same sensor: a record that lies on no lattice was added to
+    since, and counts may be too fine to show in theirs.
     """
     seen, had = {r.found.name: r for r in readings(scene)}, {}
+    measured, rounded = simulated is not None, seen.get("quantization")
+    if measured and rounded and all(one.name != "quantization" for one in own) and (
+            np.isclose(lattice(np.atleast_2d(simulated)[0]),
+                       rounded.found.values["lsb"], rtol=ALIKE)):
+        own = (*own, rounded.found)
     for one in own:
         name, shown = one.name, seen.get(one.name)
         mine = Reading(one, 0.0, np.zeros(len(scene.y), bool), False)

@@ -46,8 +46,7 @@ def parts(full, path, acc, lesser, closed, before, after, measured):
     `Closure` by all of them, `measured` gives the `Gap` to an account.
     """
     if len(path.found) == 1:
-        share = np.clip(closed.closed, 0.0, 1.0)
-        return (Part(float(share), stays_needed(path.found[0].effect, before, after)),)
+        return (_part(path.found[0], closed.closed, before, after),)
     out, result = standing_out(before), []
     beyond = {r.found.effect.reading: r.log_bayes for r in acc.readings if r.beyond}
     for number, one in enumerate(path.found):
@@ -61,6 +60,18 @@ def parts(full, path, acc, lesser, closed, before, after, measured):
             out.any()) else (acc.log_evidence - less.log_evidence) / path.log_bayes
         again = any(one.column and other.column == one.column
                     for other in path.found[:number])
-        result.append(Part(float(np.clip(share, 0.0, 1.0)),
-                           stays_needed(one.effect, gap, after, again)))
+        result.append(_part(one, share, gap, after, again))
     return tuple(result)
+
+
+SLIGHT = 0.05    # share of the gap that is not worth a word
+
+
+def _part(one, share, without_it, with_it, again=False):
+    """`Part` of an effect that closes a share, NaN if nobody knows, by two gaps; see
+    `stays_needed`. A parameter that closes nothing is not to be changed: it makes room
+    for the law of something else.
+    """
+    stays = not (one.effect.factor and share < SLIGHT) and stays_needed(
+        one.effect, without_it, with_it, again)
+    return Part(float(np.clip(share, 0.0, 1.0)), stays)

@@ -44,13 +44,13 @@ class Search(NamedTuple):
     __repr__ = brief
 
 
-def search(full, start, readings, effects, before, glanced, shared):
+def search(full, start, readings, effects, before, glanced, twins=None):
     """`Search` from an account with the readings of a record on, which are a `Cause`,
     until nothing more is found.
 
     `glanced` gives the `Gap` to an account, quicker beside that to a like one;
-    `shared` tells whether the simulator's own records show an effect, too: then it is
-    described, but nothing that is missing.
+    An effect that the simulator's own records have, too, its `Twins` if they are known,
+    is described, but nothing that is missing.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
@@ -69,13 +69,16 @@ def search(full, start, readings, effects, before, glanced, shared):
         if look.account is not None and not coarse:
             look = _or_a_pair(scene, acc, look, effects, functools.partial(
                 _describes, glanced, look.account, after))
-        others, leaves = leaves, _with_leaves(leaves, path, look)
         found = [c for c in look.causes if c.found]
-        left = max([0.0, *(c.log_bayes for c in found)])
+        left, known = max([0.0, *(c.log_bayes for c in found)]), None
+        if twins and look.account is not None and len(found[0].found) == 1:
+            known = twins.have(found[0].found[0], look.account, scene)
+            look = look._replace(causes=_unless_shared(look.causes, known.probability))
+        others, leaves = leaves, _with_leaves(leaves, path, look)
         if look.account is None:
             better = not coarse and exchanges < MAX_EXCHANGES and (
                 after.p_value > EXPLAINED) and (
-                _exchanged(full, acc, path, leaves, lesser, effects, shared))
+                _exchanged(full, acc, path, leaves, lesser, effects, twins))
             same = acc
             if better:
                 acc, lesser, path, leaves = better
@@ -84,23 +87,36 @@ def search(full, start, readings, effects, before, glanced, shared):
             exchanges += 1
             after = glanced(acc, after)
             continue
-        one = found[0].found[0]
-        if len(found[0].found) == 1 and shared(one, look.account, scene):
-            acc, leaves, lesser = look.account, others, {}
-            if one.effect.columns:    # those of the simulator come first
+        best = next(c for c in look.causes if c.found)
+        missing = sum(c.probability for c in look.causes if c.found)
+        if known and missing < 0.5:
+            twins.describe(known.account)
+            leaves = {**others, **{key: c for key, c in leaves.items()
+                                   if len(c.found) > len(path.found)}}
+            acc, path, lesser = look.account, scaled(path, 1.0 - missing, 0.0), {}
+            if best.found[0].effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
                                                *acc.signatures[:-1]))
             after = glanced(acc, after)
             continue
-        noises += sum(not one.effect.columns for one in found[0].found)
-        acc, path = look.account, _joined(path, found[0])
+        noises += sum(not one.effect.columns for one in best.found)
+        acc, path = look.account, _joined(path, best)
         leaves.pop(path.effect)
         acc, lesser, path, leaves = _without_needless(full, acc, path, leaves,
                                                       look.prior)
         last, after = after, glanced(acc, after)
-        needed = stays_needed(found[0].found[-1].effect, last, after)
+        needed = stays_needed(best.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
     return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left)
+
+
+def _unless_shared(causes, theirs):
+    """Causes of what a record shows, if the simulator's own records have it, too, with
+    this probability: then nothing is missing.
+    """
+    some = sum(c.probability for c in causes if c.found)
+    return tuple(scaled(c, 1.0 - theirs, 0.0) if c.found else c._replace(
+        probability=c.probability + theirs * some) for c in causes)
 
 
 def beside_steps(full, done, again, effects):
@@ -246,7 +262,7 @@ COMPARABLE = 1e-6    # probability of an effect beside the others, below which i
                      # not looked for as when it was found, but for evidence against it
 
 
-def _exchanged(full, acc, path, leaves, lesser, effects, shared):
+def _exchanged(full, acc, path, leaves, lesser, effects, twins):
     """`_Exchanged`: is another effect, beside all others, more probable than one that
     was found before the last? What may as well stand in its place is among the leaves.
     """
@@ -266,8 +282,9 @@ def _exchanged(full, acc, path, leaves, lesser, effects, shared):
                 look.account, best.found[0], full) > _net(acc, path.found[number], full)
                 ):
             continue
-        if look.account is not None and best.probability > here and not shared(
-                best.found[0], look.account, scene):
+        if look.account is not None and best.probability > here and not (
+                twins and twins.have(best.found[0], look.account, scene
+                                     ).probability >= 0.5):
             kept = here / (here + best.probability)
             new = scaled(_joined(rest, best)._replace(
                 probability=path.probability, error=path.error), 1.0 - kept, 0.0)

@@ -3,16 +3,25 @@
 What both show is no gap, even where the simulator's description leaves it out.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from sensorlab.gap.account import account, with_sizes
+from sensorid import Parameter, probabilities
+from sensorlab.gap.account import Account, account, with_sizes
 from sensorlab.gap.causes import further_causes
 from sensorlab.gap.distance import distance, enough_trials, p_values
-from sensorlab.gap.filters import log_likelihoods
 from sensorlab.gap.readings import as_read
 
 MEASURED = 4       # records of a simulator, or parts of them as long as the real one
 TRIALS_TWIN = 60   # simulated records beside each
+
+
+class Have(NamedTuple):
+    """Do the records of a simulator have an effect?"""
+
+    probability: float
+    account: Account = None    # of the first with it; None where it is described
 
 
 class Twins:
@@ -25,10 +34,14 @@ class Twins:
         self.scenes = [full._replace(y=y) for y in _parts(
             records - np.resize(full.known, records.shape[1]), len(full.y))]
         self.seed = seed
-        self._describe(base)
+        self.describe(base)
 
-    def _describe(self, like):
-        """An account of every record like another, and its distances from that."""
+    def describe(self, like):
+        """An account of every record like another, and its distances from that; as they
+        are described, if it is None.
+        """
+        if like is None:
+            return
         self.accounts = [account(
             as_read(scene, like.readings), like.bases, like.hypotheses,
             like.signatures, like.readings) for scene in self.scenes]
@@ -36,29 +49,60 @@ class Twins:
             TRIALS_TWIN, enough_trials(scene)), self.seed).distance
             for scene, acc in zip(self.scenes, self.accounts)])
 
-    def show(self, one, acc, scene):
-        """Do they show an effect that a record shows, its last in an account, with
-        about the same parameters?
+    def have(self, one, acc, scene):
+        """`Have`: do they have an effect that a record shows, its last in an account,
+        with about the same parameters?
         """
-        own = self.accounts[0]
-        seen = as_read(self.scenes[0], own.readings)
-        size = one.effect.size
+        own, size = self.accounts[0], one.effect.size
         (theirs,), (known,) = (with_sizes(a, at, a.theta[None]) for a, at in (
-            (own, seen), (acc, scene)))
+            (own, as_read(self.scenes[0], own.readings)), (acc, scene)))
         theirs = _largest(one, theirs)
         if one.effect.columns and _largest(one, known[:-1]) < LOST * theirs and abs(
                 one.values[size][0]) < LARGER * theirs and not self._all_have(one):
-            return True    # it moved, as from one of theirs to the next
+            return Have(1.0)    # it moved, as from one of theirs to the next
+        if not (one.effect.factor or one.effect.columns):
+            return self._likelier_with(acc.member.effects[-1], acc)
+        found = next(filter(None, (self._found(one, *their) for their in zip(
+            self.accounts, self.scenes))), None)
+        return Have(float(found is not None), found)
+
+    def _found(self, one, own, scene):
+        """The account of one of theirs with an effect like one of the record's, if it
+        is found there and as large; or None.
+        """
+        size, seen = one.effect.size, as_read(scene, own.readings)
         look = further_causes(seen, own, [one.effect])
         best = next((c.found[0] for c in look.causes if c.found), None)
-        if look.account is None or best.column != one.column or not _is_like(
-                one, best.values) or size in best.values and not abs(
-                one.values[size][0]) < LARGER * abs(best.values[size][0]):
-            return False
-        if not one.effect.columns and not _explains(one, look.account, own, seen):
-            return False
-        self._describe(look.account)    # as the record is
-        return True
+        alike = look.account is not None and best.column == one.column and _is_like(
+            one, best.values) and (size not in best.values or abs(
+                one.values[size][0]) < LARGER * abs(best.values[size][0]))
+        return look.account if alike else None
+
+    def _likelier_with(self, effect, acc):
+        """`Have` of an effect inside the filter as an account of the record has it: all
+        of theirs have it so, or none, or each in another way, at even odds. One of them
+        alone may show it weakly.
+        """
+        there = acc.sample
+        as_there, free = (self._with(effect._replace(values={
+            p.symbol: prior(p) for p in effect.effect.parameters(self.scenes[0])}))
+            for prior in (lambda p: _within(p, acc.member.value(
+                there.theta, effect.key, p.symbol), there.weight), lambda p: p))
+        return Have(float(probabilities(
+            [self._gain(as_there), 0.0, self._gain(free)])[0]), free[0])
+
+    def _gain(self, others):
+        """Log evidence of other accounts of theirs over that of their own, nats."""
+        return sum(other.log_evidence - own.log_evidence
+                   for other, own in zip(others, self.accounts))
+
+    def _with(self, effect):
+        """Their accounts with one more effect inside the filter."""
+        return [account(
+            as_read(scene, own.readings), own.bases, [h.joined(effect)
+                                                      for h in own.hypotheses],
+            own.signatures, own.readings, own)
+            for scene, own in zip(self.scenes, self.accounts)]
 
     def _all_have(self, one):
         """Do several, all of them, have what is like an effect where the first has?"""
@@ -68,18 +112,16 @@ class Twins:
         return len(sizes) > 1 and min(sizes) > LOST * max(sizes)
 
 
-def _explains(one, richer, acc, scene):
-    """Is a scene likelier with an effect as a record has it than without? An account of
-    it has the effect as it is there, another has none.
+def _within(p, values, weight):
+    """A parameter in the range in which a weighted sample (M,) has it with 90 %, and
+    what may change from one record of a sensor to the next.
     """
-    own = richer.member.effects[-1]
-    if own.name != one.name:
-        return True    # a parameter that is wrong
-    theta = richer.theta.copy()
-    for symbol in own.values:
-        theta[richer.member.keys.index((own.key, symbol))] = one.values[symbol][0]
-    return log_likelihoods(richer.member, scene, richer.signatures, theta[None])[0] > (
-        log_likelihoods(acc.member, scene, acc.signatures, acc.theta[None])[0])
+    order = np.argsort(values)
+    low, high = values[order][np.searchsorted(
+        np.cumsum(weight[order]), [0.05, 0.95]).clip(0, len(values) - 1)]
+    moved = 0.0 if p.symbol == "onset" else MOVED
+    return Parameter(p.symbol, *np.clip([low * (1.0 - moved), high * (1.0 + moved)],
+                                        p.low, p.high).tolist())
 
 
 def _largest(one, signatures):

@@ -6,11 +6,11 @@ from sensorlab.gap.catalogue import FAMILIES
 from sensorlab.gap.causes import UNKNOWN, Cause
 from sensorlab.gap.distance import log_p_error
 from sensorlab.gap.effects import Found
+from sensorlab.gap.remainder import SLIGHT
 from sensorlab.gap.search import scaled
 
 PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
 MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
-SLIGHT = 0.05           # share of the gap that is not worth a word
 SURE = 0.5              # what is named is more probable than not
 RARE = 0.1              # a member of a family that is not worth a word
 

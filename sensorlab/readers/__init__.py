@@ -82,7 +82,8 @@ def read(source, channel="error", dt=None, resample=False, allow_missing=False,
         `dt`; if given, the samples count as evenly spaced, unless even stamps say
         something else.
     resample : bool
-        Interpolate an unevenly sampled record linearly onto even times.
+        Take each sample of an unevenly sampled record at the nearest of even times;
+        where there is none, or of several all but the nearest, it is missing.
     allow_missing : bool
         Take NaN, masked and empty values as missing samples.
     beside : sequence of str, or None
@@ -198,13 +199,13 @@ def _recording(origin, groups, channel, dt, resample, allow_missing, beside):
     columns, others = covariates.beside(groups, channel, beside)
     if beside is None:
         columns = {name: x for name, x in columns.items() if not np.isnan(x).all()}
+    clock = _clock(channel, resample) if dt is None else _given(channel, dt)
     for name, x in {channel.name: error, **columns}.items():
         holes = int(np.isnan(x).sum())
         if holes and not allow_missing:
             raise ValueError(f"{name} holds {holes} NaN or empty values, the first at "
                              f"sample {np.argmax(np.isnan(x))}; --allow-missing takes "
                              "them as missing")
-    clock = _clock(channel, resample) if dt is None else _given(channel, dt)
     even = clock.placed(error)
     check_record(even, clock.dt)
     columns = {printable(name): _filled(clock.placed(x)) for name, x in columns.items()}

@@ -67,27 +67,26 @@ class Clock(NamedTuple):
     dt: float    # s
     said: str    # where it comes from, in words
     slots: np.ndarray = None    # (N,) place of every sample on the grid, a whole number
-                                # or, where it is to be interpolated, not; None: in turn
+                                # or, of an uneven clock, not; None: in turn
     guess: str = ""             # unit of the stamps, where only their size tells it
     even: bool = True           # do the stamps themselves lie on that grid?
 
     def placed(self, x):
-        """Values (N,) on the grid; NaN where there is none."""
+        """Values (N,) on the grid, each at the nearest place; NaN where there is none.
+
+        White noise stays white, which it would not if it were interpolated.
+        """
         if self.slots is None:
             return x
-        size = int(self.slots[-1]) + 1
-        if self.slots.dtype.kind == "i":
-            even = np.full(size, np.nan)
-            even[self.slots] = x
-            return even
-        grid = np.arange(size)
-        after = np.searchsorted(self.slots, grid).clip(1, len(x) - 1)
-        even = np.interp(grid, self.slots, x)
-        even[self.slots[after] - self.slots[after - 1] > WIDE] = np.nan
+        nearest = np.round(self.slots).astype(int)
+        # of several, the nearest is the last, which stays
+        order = np.argsort(-np.abs(self.slots - nearest), kind="stable")
+        even = np.full(nearest[-1] + 1, np.nan)
+        even[nearest[order]] = x[order]
         return even
 
 
-WIDE = 2.5      # sampling intervals: a wider step of an uneven clock is a gap
+WIDE = 2.5      # sampling intervals: a wider step tells nothing of an uneven clock
 CLEAN = 0.25    # of an interval: steps this near to a multiple of it leave no doubt
 MOST = 100      # times as many samples as there are: a record with more gaps is none
 OFTEN = 0.02    # of the steps: a gap that comes again and again
@@ -108,7 +107,7 @@ def clock(name, time, resample=False):
     time : (N,) array
         Numbers, datetime64 or texts in ISO 8601.
     resample : bool
-        Interpolate uneven stamps instead of refusing them.
+        Take samples at uneven stamps at the nearest even time, instead of refusing.
 
     Raises
     ------
@@ -119,14 +118,18 @@ def clock(name, time, resample=False):
     step = np.diff(t)
     if (step < 0.0).any() or 0 < (step == 0.0).sum() < 0.01 * len(step):
         k = int(np.argmax(step <= 0.0))
+        todo = "sort the record" if (step < 0.0).any() else "leave one of them out"
         raise ValueError(f"time does not increase from sample {k} ({t[k]:g} s after "
-                         f"the first) to the next ({t[k + 1]:g} s): sort the record, "
+                         f"the first) to the next ({t[k + 1]:g} s): {todo}, "
                          "or give --dt if it is evenly sampled")
     if not np.isfinite(t.sum()):
         raise ValueError(f"{name} runs from {time[0]} to {time[-1]}: no record is as "
                          "long")
-    if len(t) < 2 or t[-1] == 0.0:
-        raise ValueError(f"the record has {len(t)} samples at {min(len(t), 1)} time")
+    if len(t) < 2:
+        raise ValueError(f"the record has {len(t)} samples: a line is needed for each")
+    if t[-1] == 0.0:
+        raise ValueError(f"{name} is the same for all {len(t)} samples: give the "
+                         "sampling interval with --dt")
     usual = np.median(step) or step.mean()
     found = (_with_gaps(t, step, usual) or _with_jitter(t)
              or _in_pieces(t, step, usual) or _in_bursts(t, step))
@@ -144,12 +147,14 @@ def clock(name, time, resample=False):
         off = np.abs(step - usual)
         raise ValueError(f"the record is uneven: the step after sample {off.argmax()} "
                          f"is {step[off.argmax()]:g} s where {usual:g} s is usual; "
-                         "--resample interpolates it, --dt takes the samples as even")
+                         "--resample takes each sample at the nearest even time, --dt "
+                         "takes the samples as even")
     if found is None:
         dt = step.mean()
         if np.median(step) > 0.0:    # else most stamps stand still
             dt = step[step < WIDE * dt].mean()
-        found = Clock(dt, ", uneven, interpolated", t / dt, even=False)
+        found = Clock(dt, ", uneven, each sample at the nearest even time", t / dt,
+                      even=False)
     source += f", taken as {guess}" * bool(guess)
     return found._replace(said=f"dt {duration(found.dt)} from {source}{found.said}",
                           guess=guess)

@@ -28,6 +28,7 @@ NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)
 MISSING = "", "NA", "N/A", "NULL", "NAN", "NONE"
 COMMENTS = "#", "%", "//"
 SAID = re.compile("sep=.")    # the first line of some spreadsheets
+MORE_CELLS = re.compile(r"in line (\d+), saw (\d+)")    # as pandas says it
 PREAMBLE = 50    # lines that may lie above the first row of numbers
 PART = (r"[numkh\u00b5\u03bc]?(?:deg|rad|dps|g|m|s|sec|Hz|V|T|Pa)|min|hr?|K|%|counts?|"
         r"LSB|mbar|gauss|(?:deg|\u00b0) ?[CFs]?|C")
@@ -209,6 +210,15 @@ def _table(file, dialect):
                 index_col=False, low_memory=False)
         except pandas.errors.EmptyDataError:
             return pandas.DataFrame({k: [] for k in range(len(dialect.names))})
+        except pandas.errors.ParserError as problem:
+            found = MORE_CELLS.search(str(problem))
+            if not found:
+                raise
+            line, cells = map(int, found.groups())
+            raise ValueError(
+                f"line {line + dialect.skip} has {cells} cells, not "
+                f"{len(dialect.names)}: a decimal comma needs another separator, such "
+                "as ;") from None
 
 
 def _column(file, dialect, name, x):
