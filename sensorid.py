@@ -248,7 +248,8 @@ def shaping_filter(Phi, Gamma, H, Psi=0.0, m0=None, P0=None):
     Raises
     ------
     ValueError
-        If the shapes do not fit or there are more than six states.
+        If the shapes do not fit, there are more than six states, or a number is none
+        that such a filter can have.
 
     Examples
     --------
@@ -268,7 +269,18 @@ def shaping_filter(Phi, Gamma, H, Psi=0.0, m0=None, P0=None):
             f"Phi, Gamma, H, m0, P0 have shapes {', '.join(map(str, shapes))} "
             "(time apart): a shaping filter of n states needs (n, n), (n, p), (n,), "
             "(n,), (n, n), 1 <= n <= 6")
-    return ShapingFilter(Phi, Gamma, H, np.atleast_1d(np.array(Psi, float)), m0, P0)
+    filt = ShapingFilter(Phi, Gamma, H, np.atleast_1d(np.array(Psi, float)), m0, P0)
+    lengths = {len(m) for m in filt[:4]} - {1}
+    if len(lengths) > 1:
+        raise ValueError(f"Phi, Gamma, H and Psi are of {sorted(lengths)} samples: of "
+                         "all samples, or one for all")
+    if not all(np.isfinite(m).all() for m in filt):
+        raise ValueError("a shaping filter has numbers that are not finite")
+    if (filt.Psi < 0.0).any() or not np.allclose(P0, P0.T) or (
+            np.linalg.eigvalsh(P0)[0] < -1e-9 * np.abs(P0).max()):
+        raise ValueError(f"Psi = {filt.Psi.min():g} and the eigenvalues of P0 must be "
+                         ">= 0, and P0 symmetric: they are of noise")
+    return filt
 
 
 def sum_of(sigma_v, *processes):
@@ -1697,6 +1709,9 @@ def filter_bank(b, y, stops, pairs=None):
     array([[5.]])
     """
     y = as_samples(y)
+    if y.ndim != 2:
+        raise ValueError(f"the records have shape {y.shape}: (records, samples) is "
+                         "needed")
     gap = np.isnan(y[:1])
     if (np.isnan(y) != gap).any():
         raise ValueError("samples are missing in some records only: filter these apart")
@@ -2516,8 +2531,14 @@ def estimate_state(y, estimate, dt):
     -------
     mean, covariance : (n + 1,), (n + 1, n + 1) array
         The states of the shaping filter, then the bias.
+
+    Raises
+    ------
+    ValueError
+        If the record is none that `identify` takes.
     """
     h, y = estimate.hypothesis, as_samples(y)
+    check_record(y, dt)
     b = bank(h, dt, estimate.theta)
     observed = 1.0 - np.isnan(y)
     offset = np.nanmean(y)
@@ -2807,9 +2828,12 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     if not 1 <= stops[0] <= stops[-1] <= samples:
         raise ValueError(f"times {stops[0] * dt:g} to {stops[-1] * dt:g} s "
                          f"do not lie within {dt:g} to {duration:g} s")
-    if truths and len(truths) != len(hypotheses):
-        raise ValueError(f"{len(truths)} truths of {len(hypotheses)} hypotheses: one "
-                         "for each is needed")
+    for what, some in ("truths", truths), ("grids", grids):
+        if some is not None and len(some) != len(hypotheses):
+            raise ValueError(f"{len(some)} {what} of {len(hypotheses)} hypotheses: one "
+                             "for each is needed")
+    if checkpoint is not None and pathlib.Path(checkpoint).is_file():
+        raise ValueError(f"the checkpoint {checkpoint} is a file: a folder is needed")
     if algorithms:    # refuse what they cannot do before the work
         short = simulate(truths or hypotheses, dt, int(stops[0]), 1, seed).error[0]
         for algorithm in algorithms.values():
@@ -3108,7 +3132,7 @@ def allan_variance(omega, dt, m):
     Raises
     ------
     ValueError
-        If the record does not hold two clusters of m samples.
+        If the record does not hold two clusters of m samples, or m is no whole number.
 
     Notes
     -----
@@ -3123,6 +3147,9 @@ def allan_variance(omega, dt, m):
     """
     omega = as_samples(omega)
     samples, clusters = omega.shape[-1], np.ravel(m)
+    check_interval(dt)
+    if clusters.dtype.kind not in "iu":
+        raise ValueError(f"m is {m!r}: whole numbers of samples are needed")
     for one in clusters:
         if not 1 <= one <= samples // 2:
             raise ValueError(
@@ -3194,8 +3221,13 @@ def _mean_square_apart(sums, gone, m):
 
 
 def allan_deviation(omega, dt, per_octave=1):
-    """Averaging times, s, up to a third of the record, and Allan deviations, u."""
+    """Averaging times, s, up to a third of the record, and Allan deviations, u, at so
+    many an octave, at least 1.
+    """
     n = len(omega)
+    if not 1 <= per_octave <= n:
+        raise ValueError(f"{per_octave} averaging times per octave: 1 or more are "
+                         "needed")
     octaves = np.arange(0.0, np.log2(max(n // 3, 1)) + 1e-9, 1.0 / per_octave)
     m = np.unique(np.round(2.0**octaves).astype(int))
     adev = np.sqrt(allan_variance(omega, dt, m))
@@ -3249,6 +3281,8 @@ def model_allan_variance(filt, m):
     >>> round(float(model_allan_variance(white_noise(1.0, 2.0), 4)), 12)
     1.0
     """
+    if np.asarray(m).dtype.kind not in "iu" or np.min(m) < 1:
+        raise ValueError(f"m is {m!r}: whole numbers of samples from 1 on are needed")
     return np.reshape([mean_square(np.repeat([-1.0, 1.0], one) / (np.sqrt(2.0) * one),
                                    *filt) for one in np.ravel(m)], np.shape(m))
 

@@ -81,3 +81,13 @@ def test_one_gap_hides_no_misfit():
 def test_a_record_too_short_is_refused():
     with pytest.raises(ValueError, match="m = 6 does not fit a record of 11 samples"):
         s.allan_variance(np.arange(11.0), 1.0, 6)
+
+
+@pytest.mark.parametrize("call, message", [
+    (lambda: s.allan_variance(np.arange(11.0), 1.0, 1.5), "m is 1.5: whole numbers"),
+    (lambda: s.allan_variance(np.arange(11.0), -1.0, 1), "sampling interval is -1.0 s"),
+    (lambda: s.allan_deviation(np.arange(11.0), 1.0, per_octave=0), "1 or more"),
+    (lambda: s.model_allan_variance(s.white_noise(1.0, 2.0), 0), "m is 0: whole")])
+def test_averaging_times_are_whole_samples(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

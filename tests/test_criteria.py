@@ -108,7 +108,9 @@ def test_an_interrupted_run_is_taken_up_with_the_same_bits(tmp_path):
     (dict(dt=0.0), "0 < dt <= duration"), (dict(duration=0.5), "0 < dt <= duration"),
     (dict(trials=15), "15 trials of 2 hypotheses: a criterion needs at least 16"),
     (dict(times=[500.0]), "do not lie within"),
-    (dict(truths=paper_case(2)[:1]), "1 truths of 2 hypotheses: one for each")])
+    (dict(truths=paper_case(2)[:1]), "1 truths of 2 hypotheses: one for each"),
+    (dict(grids=[None]), "1 grids of 2 hypotheses: one for each"),
+    (dict(checkpoint=__file__), "is a file: a folder is needed")])
 def test_senseless_runs_are_refused(change, message):
     arguments = dict(dt=1.0, duration=100.0, trials=20) | change
     with pytest.raises(ValueError, match=message):

@@ -127,3 +127,12 @@ def test_default_priors_hold_the_truth_of_very_different_sensors():
             assert p.low < truth < p.high
         answer = s.identify(y, 0.01, H)
         assert abs(answer.estimates[2].mean[2] / unit - 2.0) < 0.05
+
+
+@pytest.mark.parametrize("change, message", [
+    (dict(Phi=np.ones((5, 1, 1)), H=np.ones((4, 1))), r"of \[4, 5\] samples"),
+    (dict(Phi=[[np.nan]]), "not finite"), (dict(P0=[[-1.0]]), "must be >= 0"),
+    (dict(Psi=-1.0), "must be >= 0"), (dict(H=[1.0, 1.0]), "have shapes")])
+def test_what_is_no_shaping_filter_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        s.shaping_filter(**dict(Phi=[[1.0]], Gamma=[[0.1]], H=[1.0]) | change)

@@ -8,6 +8,7 @@ from sensorlab.gap.catalogue import CATALOGUE, lattice_between
 from sensorlab.gap.causes import ALL, LISTED_FROM
 from sensorlab.gap.closure import LAGS
 from sensorlab.gap.places import FAR_OUT, UNITS
+from sensorlab.gap.remainder import SLIGHT
 from sensorlab.gap.sizes import (
     chance, number, odds, percent, sizes, unit_of, values_text)
 from sensorlab.gap.verdict import SURE, names_in, present, split_families
@@ -235,7 +236,9 @@ def _is_other(d):
 def left(d):
     """What is left of the gap, in a sentence."""
     if d.found or d.verdict == "unknown":
-        yield (f"left: {percent(d.remainder.share)} of the gap; the chance of as much "
+        new = d.closure.closed + d.remainder.share > 1.0 + SLIGHT
+        yield ("left" + ", with what stands out only now" * bool(new)
+               + f": {percent(d.remainder.share)} of the gap; the chance of as much "
                f"is {chance(d.after.p_value)}")
     for r in d.final.readings:
         if r.opaque:
@@ -361,10 +364,12 @@ def table(d, record, unit, width=None):
 def described(d, h, unit):
     """The error model of a record as a sum: a hypothesis and what was found."""
     own = {p.symbol: (p.mean, p.sd) for p in h.parameters}
-    yield Table(("component", "share", "size"), (
-        (h.name, "", values_text(own, unit)),
-        *((one.name, percent(part.share), sizes([one], unit, d.scene.dt))
-          for one, part in zip(d.found, d.parts))), (1,))
+    chance_of = present(d.causes)
+    yield Table(("component", "share", "probability", "size"), (
+        (h.name, "", "", values_text(own, unit)),
+        *((one.name, percent(part.share), f"{chance_of.get(one.name, 0.0):.3f}",
+           sizes([one], unit, d.scene.dt))
+          for one, part in zip(d.found, d.parts))), (1, 2))
     if any(r.opaque for r in d.final.readings):
         yield from left(d)
     elif "unknown" not in d.verdict:
