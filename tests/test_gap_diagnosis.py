@@ -191,21 +191,6 @@ def test_what_drifts_returns_or_lags_is_named(effect):
         assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
 
 
-@pytest.mark.large
-def test_a_wide_play_has_its_width():
-    t, rng = np.arange(2000), np.random.default_rng(3)
-    T = 25.0 + 4.0 * np.sin(2.0 * np.pi * t / 667.0)
-    behind = [T[0]]
-    for now in T[1:]:
-        behind.append(min(max(behind[-1], now - 2.4), now + 2.4))    # 0.3 of 8
-    y = rng.standard_normal(2000) + 0.4 * (T - behind) / 2.4
-    d = sensorlab.diagnose(y, 0.01, [sensorid.hypothesis("white_noise", sigma_v=1.0)],
-                           dict(temperature=T))
-    assert d.verdict == "hysteresis"
-    play, sd = d.found[0].values["play"]
-    assert abs(play - 0.3) < 3.0 * sd < 0.15
-
-
 def test_noise_of_another_law_is_no_wrong_parameter():
     # of the variance that the simulator has, to a fiftieth
     y = np.random.default_rng(1).laplace(scale=0.5**0.5, size=3000)
