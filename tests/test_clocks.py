@@ -17,6 +17,7 @@ RNG = np.random.default_rng(5)
     ("timestamp_\u00b5s", "us"), ("seconds", "s"), ("header/stamp [ns]", "ns"),
     ("Time since boot [usec]", "us"), ("SampleUS", "us"), ("t_sec", "s"),
     ("seconds_elapsed", "s"), ("imu/time", ()), ("time [h]", "h"),
+    ("GPS TOW [s]", "s"), ("iTOW", ()), ("time of week [ms]", "ms"), ("Zeit [s]", "s"),
     ("time [0.1 ms]", "0.1 ms"), ("t (1/100 s)", "0.01 s")])
 def test_a_clock_and_its_unit_are_known_by_name(name, unit):
     found = unit_of(name)
@@ -25,7 +26,7 @@ def test_a_clock_and_its_unit_are_known_by_name(name, unit):
 
 @pytest.mark.parametrize("name", ["error", "temperature", "s", "mag_t", "us", "",
                                   "settings", "rate [rad/s]", "gyro_x", "times_two",
-                                  "T", "T [degC]", "t0", "T_s", "hour", "min"])
+                                  "GPS week", "T", "T [degC]", "t0", "T_s", "hour", "min"])
 def test_what_is_no_clock_is_not_taken_for_one(name):
     assert unit_of(name) is None
 

@@ -63,8 +63,9 @@ def test_every_dialect_gives_the_same_record(tmp_path, content):
 
 def test_utf_16_and_packed_files_are_read(tmp_path):
     content = dialect(";", "time;error", decimal=",")
-    (tmp_path / "r.txt").write_text(content, encoding="utf-16")
-    assert_array_equal(read(tmp_path / "r.txt").error, Y)
+    for encoding in "utf-16", "utf-16-le", "utf-16-be":    # the latter without a mark
+        (tmp_path / "r.txt").write_text(content, encoding=encoding)
+        assert_array_equal(read(tmp_path / "r.txt").error, Y)
     for kind, pack in ((".gz", gzip), (".bz2", bz2), (".xz", lzma)):
         (tmp_path / f"r.csv{kind}").write_bytes(pack.compress(content.encode()))
         assert_array_equal(read(tmp_path / f"r.csv{kind}").error, Y)

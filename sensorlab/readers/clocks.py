@@ -22,10 +22,10 @@ UNITS = {    # word of a name -> (unit, s)
     **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), ("h", 3600.0)),
     **dict.fromkeys(("d", "day", "days"), ("d", 86400.0))}
 CLOCKS = {"time", "times", "timestamp", "timestamps", "stamp", "t", "date", "datetime",
-          "utc", "epoch", "clock"}
+          "utc", "epoch", "clock", "tow", "zeit"}
 BESIDE = {"host", "sensor", "device", "system", "log", "boot", "gps", "local", "unix",
           "ros", "header", "since", "start", "elapsed", "in", "of", "the", "sample",
-          "sampling", "arrival", "received", "recorded", "tv"}
+          "sampling", "arrival", "received", "recorded", "tv", "week", "i"}
 WORDS = re.compile("(?:[A-Z]+(?![a-z])|[A-Z]?[a-z\u00b5\u03bc]+)[0-9]*")
 FOLDERS = re.compile(r"^[^\[(]*/")    # before the name, as of a struct in a struct
 MULTIPLE = re.compile(r"[\[(]\s*(\d*\.?\d+)(?:/(\d*\.?\d+))?\s*[a-zA-Z\u00b5\u03bc]")

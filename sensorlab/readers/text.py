@@ -89,6 +89,9 @@ def _encoding(start):
     """
     if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return "utf-16"
+    for first, wide in (1, "utf-16-le"), (0, "utf-16-be"):    # without a mark of order
+        if start[:64] and start[first::2].count(0) > 0.4 * len(start):
+            return wide
     try:
         codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
