@@ -26,7 +26,8 @@ def test_a_clock_and_its_unit_are_known_by_name(name, unit):
 
 @pytest.mark.parametrize("name", ["error", "temperature", "s", "mag_t", "us", "",
                                   "settings", "rate [rad/s]", "gyro_x", "times_two",
-                                  "GPS week", "T", "T [degC]", "t0", "T_s", "hour", "min"])
+                                  "GPS week", "T", "T [degC]", "t0", "T_s", "hour",
+                                  "min"])
 def test_what_is_no_clock_is_not_taken_for_one(name):
     assert unit_of(name) is None
 

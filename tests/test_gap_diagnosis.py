@@ -199,6 +199,7 @@ def test_noise_of_another_law_is_no_wrong_parameter():
     assert d.verdict == "unknown"
 
 
+@pytest.mark.large
 def test_a_wrong_parameter_is_named_once():
     # a dead zone: a third of the samples is zero, where no density of a noise ends
     rng = np.random.default_rng(77011)
@@ -525,7 +526,8 @@ def test_what_joins_an_account_makes_a_form_that_uneven_noise_can_have():
     assert [one.variant for one in both.member.effects] == ["second order", ""]
 
 
-@pytest.mark.parametrize("ends", [(0.95, 1.05), (0.5, 1.0), (0.1, 1.0)])
+@pytest.mark.parametrize("ends", [
+    (0.95, 1.05), pytest.param((0.5, 1.0), marks=pytest.mark.large), (0.1, 1.0)])
 def test_a_factor_is_that_over_a_number_or_over_the_nearest_end(ends):
     y = 1.4 * np.random.default_rng(3).standard_normal(4000)
     d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=ends)])

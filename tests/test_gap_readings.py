@@ -473,8 +473,9 @@ def test_codes_of_uneven_width_are_read_whatever_else_there_is(kind):
     assert_allclose(4.0 * width[full], true, atol=0.3)
 
 
-@pytest.mark.parametrize("kind", ["white", "walk", "step", "line", "outliers", "bursts",
-                                  "even", "laplace", "quiet"])
+@pytest.mark.parametrize("kind", [
+    "white", "walk", "step", "line", pytest.param("outliers", marks=pytest.mark.large),
+    "bursts", "even", "laplace", "quiet"])
 def test_codes_of_even_width_are_not_uneven(kind):
     for seed in range(20):
         y = np.round(noisy(np.random.default_rng(seed), kind))
