@@ -49,12 +49,12 @@ from sensorlab.gap.effects import Scene, Simulator, members
 from sensorlab.gap.filters import log_likelihoods
 y = np.random.default_rng(1).standard_normal(1500)
 scene = Scene(y, 0.01, {})
-for h in members(Simulator(sensorid.default_hypotheses(y, 0.01)), scene):
-    for name in "narrow_band_noise", "bandwidth", "bias_instability":
-        own = h.with_effect(CATALOGUE[name])
-        u = np.random.default_rng(2).random((14, len(own.parameters)))
-        theta = sensorid.at_quantiles(own.parameters, u)
-        print(name, log_likelihoods(own, scene, (), theta).tobytes().hex())
+h = members(Simulator(sensorid.default_hypotheses(y, 0.01, ["markov"])), scene)[0]
+for name, form in ("narrow_band_noise", ""), ("bandwidth", "second order"):
+    own = h.with_effect(CATALOGUE[name], form)
+    u = np.random.default_rng(2).random((14, len(own.parameters)))
+    theta = sensorid.at_quantiles(own.parameters, u)
+    print(name, log_likelihoods(own, scene, (), theta).tobytes().hex())
 """
 
 
