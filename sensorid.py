@@ -276,8 +276,9 @@ def shaping_filter(Phi, Gamma, H, Psi=0.0, m0=None, P0=None):
                          "all samples, or one for all")
     if not all(np.isfinite(m).all() for m in filt):
         raise ValueError("a shaping filter has numbers that are not finite")
-    if (filt.Psi < 0.0).any() or not np.allclose(P0, P0.T) or (
-            np.linalg.eigvalsh(P0)[0] < -1e-9 * np.abs(P0).max()):
+    # a bank asks for one at every node, most of them without P0
+    if (filt.Psi < 0.0).any() or P0.any() and (not np.allclose(P0, P0.T) or (
+            np.linalg.eigvalsh(P0)[0] < -1e-9 * np.abs(P0).max())):
         raise ValueError(f"Psi = {filt.Psi.min():g} and the eigenvalues of P0 must be "
                          ">= 0, and P0 symmetric: they are of noise")
     return filt
@@ -462,8 +463,8 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
     bias_given, bias_sigma = bias_sigma is not None, (
         1.0 if bias_sigma is None else bias_sigma)
     if not 0.0 <= as_number(bias_sigma, f"bias_sigma of {name}") < LARGEST:
-        raise ValueError(f"bias_sigma = {bias_sigma} of {name} "
-                         "is not a finite number >= 0")
+        raise ValueError(f"bias_sigma = {bias_sigma} of {name} is not a number >= 0 "
+                         f"and less than {LARGEST:g}")
     priors = tuple(as_parameter(name, s, parameters[s], prior)
                    for s in known if s in parameters)
     h = Hypothesis(name, model, priors, float(bias_sigma), bias_given)
@@ -2832,8 +2833,6 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
         if some is not None and len(some) != len(hypotheses):
             raise ValueError(f"{len(some)} {what} of {len(hypotheses)} hypotheses: one "
                              "for each is needed")
-    if checkpoint is not None and pathlib.Path(checkpoint).is_file():
-        raise ValueError(f"the checkpoint {checkpoint} is a file: a folder is needed")
     if algorithms:    # refuse what they cannot do before the work
         short = simulate(truths or hypotheses, dt, int(stops[0]), 1, seed).error[0]
         for algorithm in algorithms.values():
@@ -2863,6 +2862,8 @@ def check_trials(hypotheses, dt, duration, trials):
 def _run_trials(truths, grids, algorithms, dt, stops, trials, seed, executor=None,
                 checkpoint=None, progress=None):
     """All trials as one `_Chunk`."""
+    if checkpoint is not None and pathlib.Path(checkpoint).is_file():
+        raise ValueError(f"the checkpoint {checkpoint} is a file: a folder is needed")
     size = CHUNK if stops[-1] <= LONG_TRIAL and not algorithms else LANES
     firsts = range(0, trials, size)
     calls = [(checkpoint, tuple(truths), tuple(grids), tuple(algorithms.values()), dt,

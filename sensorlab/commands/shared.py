@@ -165,7 +165,7 @@ def refuse_interval(file, model, dt):
 def check_memory(samples, records=1):
     """Refuse records that the machine cannot hold."""
     if 8 * samples * records > available():
-        raise MemoryError(f"{records} records of {samples} samples take "
+        raise MemoryError(f"{records} records of {samples:.0f} samples take "
                           f"{8e-9 * samples * records:.3g} GB")
 
 

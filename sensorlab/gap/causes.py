@@ -638,6 +638,8 @@ def estimated_together(full, acc, path):
     """The set of effects of a path with the parameters that its account gives them:
     each was found before the others were known, or beside some that are left out.
     """
+    if not path.found:
+        return path
     result, at = [], len(acc.signatures) - sum(
         bool(one.effect.columns) for one in path.found)
     solved = solved_by(acc, as_read(full, acc.readings))

@@ -83,13 +83,15 @@ class Twins:
         of theirs have it so, or none, or each in another way, at even odds. One of them
         alone may show it weakly.
         """
-        there = acc.sample
-        as_there, free = (self._with(effect._replace(values={
-            p.symbol: prior(p) for p in effect.effect.parameters(self.scenes[0])}))
-            for prior in (lambda p: _within(p, acc.member.value(
-                there.theta, effect.key, p.symbol), there.weight), lambda p: p))
+        def values(symbol):
+            return acc.member.value(acc.sample.theta, effect.key, symbol)
+        free = {p.symbol: p for p in effect.effect.parameters(self.scenes[0])}
+        there = {symbol: _within(p, values(symbol), acc.sample.weight)
+                 for symbol, p in free.items()}
+        as_there, as_each = (self._with(effect._replace(values=own))
+                             for own in (there, free))
         return Have(float(probabilities(
-            [self._gain(as_there), 0.0, self._gain(free)])[0]), free[0])
+            [self._gain(as_there), 0.0, self._gain(as_each)])[0]), as_each[0])
 
     def _gain(self, others):
         """Log evidence of other accounts of theirs over that of their own, nats."""
