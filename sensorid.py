@@ -866,10 +866,12 @@ def _grid_of(h, dt, z, log_weight, step):
 def uniform_grid(h, dt, nodes):
     """The plain grid of the paper: evenly spaced in theta, equal weights, no scale.
 
-    Takes and returns what `grid` does; nothing is integrated in closed form.
+    Takes and returns what `grid` does, with at least two nodes along each axis, one for
+    every free parameter; nothing is integrated in closed form.
     """
     free = free_columns(h.parameters)
-    axes = [np.linspace(h.parameters[c].low, h.parameters[c].high, nodes) for c in free]
+    axes = [np.linspace(h.parameters[c].low, h.parameters[c].high, max(n, 2))
+            for c, n in zip(free, np.broadcast_to(nodes, len(free)))]
     z = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(free))
     theta = np.array([p.high for p in h.parameters]) * np.ones((len(z), 1))
     theta[:, free] = z
@@ -1976,16 +1978,17 @@ def _scale_window(count, chi2, score, information, bias, least, most):
     """Mode of ln scale where scale^2 is within least..most, its exp(2 mode), and how
     far below and above it counts.
 
-    The log posterior of u = ln scale is -count u - D exp(-2u) / 2, less half a nat for
-    the bias; D hardly depends on u, so that four fixed-point steps find the mode.
+    The slope of the log posterior in u = ln scale is D exp(-2u) less `known`, about
+    count; D hardly depends on u, so that four fixed-point steps find where it is 0.
     """
     mean, variance = bias
     pull = mean * (2.0 * score - mean * information)
     s2 = np.sqrt(least * most)
     for _ in range(4):
         spread = variance * information + s2
-        known = count - variance * information / spread
-        D = max(chi2 - (variance * score * score + pull * s2) / spread, 0.0)
+        known, part = count - variance * information / spread, s2 / spread
+        D = max(chi2 - variance * score * score * (1.0 + part) / spread
+                - pull * part * part, 0.0)
         s2 = min(most, max(least, D / known)) if known > 0.0 else most
     curvature = 2.0 * D / s2
     slope = abs(0.5 * curvature - known)
@@ -2615,22 +2618,33 @@ def criteria_times(samples):
 def criteria_grid(h, dt, samples, seed=0, pilots=16, max_nodes=60000):
     """Grid over the whole prior that resolves the posterior after `samples` samples.
 
-    Pilot trials of the hypothesis set the density: nine of ten shall have NODES_PER_SD.
+    Pilot trials of the hypothesis set the density: nine of ten shall have NODES_PER_SD,
+    and a finer grid the same standard deviations, to AGREED: few samples leave the
+    prior, whose edges a coarse grid blurs.
     Returns the grid and the nodes per standard deviation reached, (d,).
     """
-    box = prior_box(h, dt)
-    nodes = np.full(len(box.low), 12)
+    box, p = prior_box(h, dt), len(h.parameters)
+    nodes, dense = np.full(len(box.low), 12), None
     y = simulate([h], dt, samples, pilots, seed).error
     while True:
         g = grid(h, dt, nodes, box)
         _, _, cov = next(posteriors(g, y, [samples], coordinates=True))
+        sd = np.sqrt(np.diagonal(cov, axis1=1, axis2=2)[:, :p].mean(0))
+        if dense and (abs(sd - dense[-1]) <= AGREED * sd).all():
+            return dense[:2]
         reached = np.array([_nodes_per_sd(g, c) for c in cov])
         reached = np.quantile(reached, 0.1, axis=0) if len(nodes) else reached[0]
-        growth = np.clip(1.05 * NODES_PER_SD / np.maximum(reached, 0.1), 1.0, 2.5)
+        if enough := (reached >= NODES_PER_SD).all():
+            dense = g, reached, sd
+        growth = 1.4 if enough else np.clip(
+            1.05 * NODES_PER_SD / np.maximum(reached, 0.1), 1.0, 2.5)
         more = np.ceil(nodes * growth).astype(int)
-        if (reached >= NODES_PER_SD).all() or np.prod(more) > max_nodes:
+        if np.prod(more) > max_nodes or not len(nodes):
             return g, reached
-        nodes = np.where(reached < NODES_PER_SD, more, nodes)
+        nodes = more if enough else np.where(reached < NODES_PER_SD, more, nodes)
+
+
+AGREED = 0.005    # of a standard deviation that a finer grid of criteria may change
 
 
 class _Chunk(NamedTuple):
@@ -2833,6 +2847,11 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
         if some is not None and len(some) != len(hypotheses):
             raise ValueError(f"{len(some)} {what} of {len(hypotheses)} hypotheses: one "
                              "for each is needed")
+    for h, g in zip(hypotheses, grids or ()):
+        if (g.hypothesis, g.dt) != (h, dt):
+            raise ValueError(f"a grid of {g.hypothesis.name} at {g.dt:g} s stands "
+                             f"where one of {h.name}, with its priors, at {dt:g} s is "
+                             "needed: make each by grid(h, dt, nodes)")
     if algorithms:    # refuse what they cannot do before the work
         short = simulate(truths or hypotheses, dt, int(stops[0]), 1, seed).error[0]
         for algorithm in algorithms.values():
@@ -3383,7 +3402,12 @@ def identify_csv(file, column="error", dt=None):
 
     The columns are `time`, s, evenly spaced, and the error; any others are left alone.
     """
-    table = np.genfromtxt(file, delimiter=",", names=True, encoding="utf-8-sig")
+    with open(file, encoding="utf-8-sig") as stream:
+        lines = stream.readlines()
+    if len(lines) < 2:
+        raise ValueError(f"{file}: {len(lines)} lines: a line of names, such as "
+                         "time,error, and one of numbers for every sample are needed")
+    table = np.genfromtxt(lines, delimiter=",", names=True)
     names = table.dtype.names or ()
     needed = [column] if dt is not None else [column, "time"]
     strange = [name for name in needed if name not in names]

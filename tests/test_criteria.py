@@ -21,6 +21,18 @@ def test_real_and_calculated_criteria_coincide(number):
         assert (np.abs(curve.z) < 4.3).all(), (label, curve.z)
 
 
+def test_few_samples_leave_what_is_known_a_priori():
+    """One sample tells nothing of a walk or of the time of a Markov process: the mean
+    of their posterior variances is that of the prior.
+    """
+    c = s.criteria(paper_case(3), 1.0, 20.0, 64, seed=0, times=[1.0])
+    calculated = dict(zip(c.labels, (curve.calculated[0] for curve in c.rsd)))
+    for h in paper_case(3):
+        p = h.parameters[0]
+        told = calculated[f"{h.name}.{p.symbol}"]
+        assert abs(told / (p.sd / p.mean) - 1.0) < 0.01
+
+
 def test_case_2_at_a_tenth_of_a_second_has_the_known_values():
     """Error about 1 %, RSD of sigma_w 2.2 %, tau_m 33 %, sigma_m 18 % (independent
     run)."""
@@ -110,6 +122,8 @@ def test_an_interrupted_run_is_taken_up_with_the_same_bits(tmp_path):
     (dict(times=[500.0]), "do not lie within"),
     (dict(truths=paper_case(2)[:1]), "1 truths of 2 hypotheses: one for each"),
     (dict(grids=[None]), "1 grids of 2 hypotheses: one for each"),
+    (dict(grids=[s.grid(h, 1.0, 3) for h in paper_case(1)[::-1]]),
+     "a grid of markov at 1 s stands where one of random_walk"),
     (dict(checkpoint=__file__), "is a file: a folder is needed")])
 def test_senseless_runs_are_refused(change, message):
     arguments = dict(dt=1.0, duration=100.0, trials=20) | change

@@ -252,8 +252,9 @@ def test_waves_at_the_end_of_their_range_have_a_grid(off):
     h = sensorid.hypothesis("white_noise", sigma_v=1.0)
     solved = filters.solve(member(scene, h), scene, (), np.array([[1.0]]))
     longest = CATALOGUE["ringing"].parameters(scene)[1].high
-    family = scans._resolved_waves(scene, signatures.Family(CATALOGUE["ringing"], ""),
-                                   solved, 50.0, longest * (1.0 + off), 0.5)
+    family = signatures.Family(CATALOGUE["ringing"], "")
+    family, _ = scans._resolved_waves(scene, family, solved, scans._wave_grid(
+        scene, family, 50.0, longest * (1.0 + off), 0.5))
     assert len(family.psi) > 1
 
 
@@ -310,3 +311,55 @@ def test_a_signature_of_which_nothing_is_seen_gains_nothing():
                                      np.zeros((1, 3, 2, 2)))
     assert_allclose(found.gain, 0.0)
     assert (found.sd > 1e100).all() and np.isfinite(found.size).all()
+
+
+@pytest.mark.parametrize("nodes", [1, 3])
+def test_waves_are_scored_alike_by_the_part_of_a_record_where_they_are(nodes,
+                                                                      monkeypatch):
+    N, dt = 60_000, 0.01
+    rng = np.random.default_rng(6)
+    y = rng.standard_normal(N) + 0.003 * np.cumsum(rng.standard_normal(N))
+    y[30_100:30_120] = np.nan
+    scene = Scene(y, dt, {})
+    h = member(scene, sensorid.hypothesis("markov", tau_m=50.0, sigma_m=0.7,
+                                          sigma_v=(0.5, 1.5)))
+    theta = np.column_stack([np.full(nodes, 50.0), np.full(nodes, 0.7),
+                             np.linspace(1.0, 1.1, nodes)])
+    solved = filters.solve(h, scene, (), theta)
+    family = signatures.Family(CATALOGUE["ringing"], "")
+    psi = [(300.03, 0.4, 7.0), (301.0, 0.5, 7.3), (300.9, 0.3, 20.0)]
+    parts = []
+    monkeypatch.setattr(signatures, "_scores_within", lambda *where, own=(
+        signatures._scores_within): parts.append(where[-2:]) or own(*where))
+    near = signatures.scores_at(scene, family, solved, psi)
+    monkeypatch.setattr(signatures, "MEMORY", N)
+    whole = signatures.scores_at(scene, family, solved, psi)
+    ((first, last),) = parts
+    assert 0 < first < 30_000 and last - first < N / 2
+    assert_allclose(near.psi, whole.psi)
+    for part, other in zip(near[1:4], whole[1:4]):
+        assert_allclose(part, other, rtol=1e-9)
+
+
+def test_one_hypothesis_begins_where_another_has_been_resolved():
+    N, onset, duration = 600, 200.0, 60.0
+    rng = np.random.default_rng(8)
+    scene = Scene(rng.standard_normal(N), 1.0, {})
+    ((_, columns),) = CATALOGUE["ringing"].columns(scene, None, (onset, duration, 0.1))
+    scene = scene._replace(y=scene.y + 3.0 * columns[:, 0])
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0)
+    one = filters.solve(member(scene, h), scene, (), np.array([[1.0]]))
+    family = signatures.Family(CATALOGUE["ringing"], "")
+    anew, grid = scans.refined(scene, family, one)
+    again, same = scans.refined(scene, family, one, grid)
+    assert_allclose(again.psi, anew.psi)
+    moved, _ = scans.refined(scene, family, one, grid._replace(
+        middle=grid.middle + grid.apart, apart=2.0 * grid.apart))
+    for axis in range(3):    # it finds the way, and resolves as much
+        own = np.unique(np.array(moved.psi)[:, axis])
+        assert own[0] < grid_value(grid, axis) < own[-1]
+
+
+def grid_value(grid, axis):
+    """Coordinate of the middle of a grid of waves, as psi has it."""
+    return np.exp(grid.middle[axis]) if axis == 1 else grid.middle[axis]

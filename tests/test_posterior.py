@@ -220,6 +220,30 @@ def test_a_large_bias_costs_no_accuracy():
     assert_allclose(np.hstack(far_fits), np.hstack(fits), rtol=1e-3)    # they are flat
 
 
+@pytest.mark.parametrize("N, sd_away", [(20, 5.0), (50, 10.0), (200, 10.0)])
+def test_a_bias_far_outside_its_prior_leaves_the_noise_right(N, sd_away):
+    """White noise alone has its likelihood in closed form."""
+    bias_sigma, low, high = 0.3, 0.2, 2.0
+    y = np.random.default_rng(N).normal(sd_away * bias_sigma, 0.6, N)
+    square, mean = np.sum((y - y.mean())**2), y.mean()
+
+    def log_likelihood(sigma):
+        spread = sigma**2 + N * bias_sigma**2
+        return -0.5 * (N * np.log(2.0 * np.pi) + (N - 1) * np.log(sigma**2)
+                       + np.log(spread) + square / sigma**2 + N * mean**2 / spread)
+    sigma = np.linspace(low, high, 20_001)
+    peak, mode = log_likelihood(sigma).max(), sigma[log_likelihood(sigma).argmax()]
+    total, first, second = (quad(lambda x: x**k * np.exp(log_likelihood(x) - peak), low,
+                                 high, points=[mode], epsrel=1e-10)[0]
+                            for k in range(3))
+    e = s.identify(y, 1.0, s.hypothesis("white_noise", sigma_v=(low, high),
+                                        bias_sigma=bias_sigma)).estimates[0]
+    sd = np.sqrt(second / total - (first / total)**2)
+    assert_allclose(e.log_evidence, np.log(total / (high - low)) + peak, atol=0.003)
+    assert_allclose(e.mean[0], first / total, atol=0.003 * sd)
+    assert_allclose(np.sqrt(e.covariance[0, 0]), sd, rtol=0.02)
+
+
 def test_decision_needs_the_threshold():
     H = paper_case(2)
     answer = s.identify(s.simulate(H, 0.1, 500, 1, seed=1).error[0], 0.1, H)

@@ -35,8 +35,8 @@ def _between(scene, x, psi):
     yield "rectangular", _from(scene, onset, duration, np.ones_like)
     yield "half sine", _from(scene, onset, duration, lambda t: np.sin(
         np.pi / duration * t))
-    yield "decaying", _from(scene, onset, 12.0 * duration, lambda t: np.exp(
-        -DECAYS / duration * t))    # exp(-36) is nothing
+    yield "decaying", _from(scene, onset, LASTS * duration, lambda t: np.exp(
+        -DECAYS / duration * t))
 
 
 def _settling(scene, x, psi):
@@ -47,6 +47,7 @@ def _settling(scene, x, psi):
 
 
 DECAYS = 3.0    # time constants until what decays is said to be over: 5 % are left
+LASTS = 12.0    # times as long, after which nothing is: exp(-36)
 
 
 def _from(scene, onset, duration, law):
@@ -65,7 +66,7 @@ def _since(scene, onset, duration):
 
 def _ringing(scene, x, psi):
     onset, duration, frequency = psi
-    yield "", _waves(scene, onset, 12.0 * duration, frequency, lambda t: np.exp(
+    yield "", _waves(scene, onset, LASTS * duration, frequency, lambda t: np.exp(
         -DECAYS / duration * t))
 
 

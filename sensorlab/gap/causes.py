@@ -113,12 +113,12 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
     effect has where it is not, if that may be more than nothing; `known` is the name of
     an effect of which ln B is known, and that.
     """
-    inside, plain, reference, listed, samples, rivals = _sought(
+    inside, plain, reference, listed, samples, grids, rivals = _sought(
         scene, acc, effects, processes, known)
     say("weighing", 2)
 
     signatures = _Estimated(lambda number: estimate_signature(
-        plain, reference, listed[number - 1], samples, number))
+        plain, reference, listed[number - 1], samples, number, grids))
     weighed, chosen = _with_best(inside, plain, reference, rivals, signatures,
                                  by_chance)
     prior, alone, share, groups = weighed
@@ -162,6 +162,7 @@ class _Sought(NamedTuple):
     reference: Account   # of that scene
     listed: list         # of Family
     samples: list        # of Sample: their evidence, one of every hypothesis
+    grids: dict          # number of a family -> `Grid` where it was resolved
     rivals: list         # of _Rival
 
 
@@ -174,7 +175,7 @@ def _sought(scene, acc, effects, processes=True, known=NO_OTHER):
     plain, reference = _without_jumps(scene, acc, for_signatures(scene, acc, stand_in))
     listed = families(plain, effects, acc.signatures)
     say("looking for signatures", 4)
-    samples = directed(plain, reference, listed)
+    samples = directed(plain, reference, listed, grids=(grids := {}))
     rivals = _with_signatures(listed, samples)
     even, of_even = _without_jumps(
         scene, acc, for_processes(scene, acc, stand_in), (plain, reference))
@@ -191,7 +192,7 @@ def _sought(scene, acc, effects, processes=True, known=NO_OTHER):
                    if not _rests_on_rounding(rival.account, scene)]
     rivals += [rival for effect in wrong
                for rival in _with_wrong_sizes(scene, acc, effect)]
-    return _Sought(inside, plain, reference, listed, samples, rivals)
+    return _Sought(inside, plain, reference, listed, samples, grids, rivals)
 
 
 def largest_bayes(scene, acc, effect):

@@ -33,13 +33,14 @@ def nodes_for(scene):
     return round(NODES * effort(scene))
 
 
-def directed(scene, reference, listed, table=None):
+def directed(scene, reference, listed, table=None, grids=None):
     """Of every hypothesis of an account without jumps a `Sample`: its evidence with no
     further signature, and with one of each family.
 
     Nodes come from its posterior and, where a signature moves that, from the one with
     it, which is asked of families that may be the best: importance sampling from their
-    mixture. `table` is that of ln B, by default `bayes_table`.
+    mixture. `table` is that of ln B, by default `bayes_table`; `grids` as for
+    `estimate_signature`.
     """
     table, latest, added = table or bayes_table(), reference, set()
     scored, asked = [[] for _ in reference.hypotheses], range(1, len(listed) + 1)
@@ -55,7 +56,7 @@ def directed(scene, reference, listed, table=None):
         added.add(number)
         asked = sorted({*asked} & _near_best(samples))
         signature, _ = estimate_signature(scene, reference, listed[number - 1], samples,
-                                          number, 1)
+                                          number, grids, 1)
         latest = account(scene, reference.bases, reference.hypotheses,
                          (*reference.signatures, signature), past=reference)
 
@@ -181,19 +182,29 @@ class _Sizes(NamedTuple):
     variant: np.ndarray   # (m,)
 
 
-def estimate_signature(scene, reference, family, samples, number, count=None):
+def estimate_signature(scene, reference, family, samples, number, grids=None,
+                       count=None):
     """The most probable signature of a family, as a `Signature` and as a `Found` whose
     values are (mean, sd).
 
     `number` is that of the family in the evidence of the samples. Moments are over
-    hypotheses, `count` nodes of each, psi and prior variances of the size.
+    hypotheses, `count` nodes of each, psi and prior variances of the size. `grids` are
+    those where families have been resolved, by number: it begins there, and others,
+    that it leaves its own.
     """
-    count = count or nodes_for(scene) // 2
+    count, grids = count or nodes_for(scene) // 2, {} if grids is None else grids
     shares = probabilities([s.log_evidence[number] for s in samples])
-    pieces = side_by_side(
-        lambda own: _sizes(own[0], scene, reference.signatures, family,
-                           own[1].nodes(count, number), own[2]),
-        [own for own in zip(reference.hypotheses, samples, shares) if own[2] > SLIGHT])
+    own = [one for one in zip(reference.hypotheses, samples, shares)
+           if one[2] > SLIGHT]
+
+    def sizes(one):
+        h, sample, share = one
+        return _sizes(h, scene, reference.signatures, family, sample.nodes(
+            count, number), share, grids.get(number))
+    most = max(own, key=lambda one: one[2])
+    first, grids[number] = sizes(most)    # where the others begin
+    pieces = [first, *(piece for piece, _ in side_by_side(sizes, [
+        one for one in own if one is not most]))]
     best = max(pieces, key=lambda p: p.mass.sum((0, 2)).max())
     at = best.mass.sum((0, 2)).argmax()
     psi, variant = best.psi[at].tolist(), str(best.variant[at])
@@ -244,13 +255,15 @@ def onsets_nearby(scene, one, most):
     return result
 
 
-def _sizes(h, scene, signatures, family, theta, share):
-    """`_Sizes` of a hypothesis of a given share at some nodes."""
+def _sizes(h, scene, signatures, family, theta, share, grid):
+    """`_Sizes` of a hypothesis of a given share at some nodes, and the `Grid` that they
+    are from, if there is one; `grid` is another that is near.
+    """
     theta, times = np.unique(theta, axis=0, return_counts=True)
     if is_coarse(scene, family):
         one = solve(h, scene, signatures, theta[times.argmax()][None]).for_scans(
             np.isnan(scene.y))
-        family = refined(scene, family, one)
+        family, grid = refined(scene, family, one, grid)
     found = scores(scene, family, solve(h, scene, signatures, theta))
     best, sd = found.gain.max(0), found.sd.min(0)
     near = np.flatnonzero((best > best.max() - 60.0) & (sd < UNSEEN * sd.min()))
@@ -268,4 +281,4 @@ def _sizes(h, scene, signatures, family, theta, share):
         square + k * variance)
     variant = np.array(found.variant or [""] * len(found.psi))
     return _Sizes(mass * share * (times / times.sum())[:, None, None], mean, second,
-                  found.psi[near].reshape(len(near), -1), variant[near])
+                  found.psi[near].reshape(len(near), -1), variant[near]), grid

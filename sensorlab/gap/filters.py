@@ -533,8 +533,8 @@ def shared(h, scene, signatures, theta, gap):
     columns = np.vstack([s.columns.T for s in signatures])
     b, variance = _bank(h, scene, theta), constants(h, signatures)
     one = parts_at(h, scene, theta, b)
-    w, *_ = adjoint(np.where(gap, 0.0, columns), 1.0 - gap, one.h, one.own, one.pair,
-                    one.later, one.r)
+    w, *_ = adjoint(np.where(gap, 0.0, columns).copy(), 1.0 - gap, one.h, one.own,
+                    one.pair, one.later, one.r)
     # the first column stands for a record
     gram = products(h, scene, np.where(gap, np.nan, columns[:1]), columns, theta)
     return Shared(b, one, np.append(variance[1:], variance[0]), gram,
@@ -595,6 +595,14 @@ class Solved(NamedTuple):
                 (share[own], Modes(*(part[own] for part in there)))
                 for share, there in self.spectra), Bank(*(m[own] for m in self.bank)),
             p._replace(own=p.own[:, own], r=p.r[own], later=p.later[own]))
+
+    def cut(self, first, last):
+        """The same, for what is 0 but from the first sample to the last."""
+        own = slice(first, last)
+        b, parts = cut(self.bank, self.parts, first, last)
+        return self._replace(residual=self.residual[:, own], w=self.w[..., own],
+                             steps=self.steps[:, own], bank=b, parts=parts,
+                             filter=self.filter and self.filter.cut(first, last))
 
     def for_scans(self, gap):
         """The same, of one node, with what many columns of a scan have in common."""

@@ -94,8 +94,9 @@ def _from(begins, y, parts, out=None):
     jump[:, 5] = level
     if out is None:
         out = np.empty((len(y), len(node), 0, y.shape[1]))
-    return _filtered(y, H, own[:, node], pair, later[node] if len(later) else later,
-                     r[node], outlier[node], jump, moved, out)
+    # laid out as all others are: for another layout the filters were compiled once more
+    return _filtered(y, H, np.ascontiguousarray(own[:, node]), pair, later[node]
+                     if len(later) else later, r[node], outlier[node], jump, moved, out)
 
 
 @njit(**KERNEL)

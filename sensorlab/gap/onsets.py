@@ -13,7 +13,7 @@ from scipy.signal import find_peaks
 from sensorlab.gap.catalogue import DECAYS, MIN_PULSE, MIN_SHAPED, MIN_SLOW
 from sensorlab.gap.kernels import KERNEL
 from sensorlab.gap.signatures import (
-    Scan, Scores, blocks, information, resolved, scores_at, unnamed)
+    Grid, Scan, Scores, blocks, information, resolved, scores_at, unnamed)
 
 
 def step_scores(scene, solved):
@@ -302,13 +302,20 @@ def _log_share(residual, onset, n, J, power):
     return min(np.log(area / cell), 0.0)
 
 
-def resolved_span(scene, family, one, onset, duration):
+def span_grid(scene, family, onset, duration):
+    """`Grid` of `resolved_span` about a pulse, as a scan found it."""
+    onset, n = round(onset / scene.dt), round(duration / scene.dt)
+    apart = (DURATION_STEP - 1.0) * n / 6.0
+    return Grid((onset, onset + n), (apart, apart))
+
+
+def resolved_span(scene, family, one, grid):
     """The family about a pulse, on a grid that resolves what is known of its onset and
     of its end, each by itself: of a decay, an onset may be known a hundred times as
-    well.
+    well. And that `Grid`.
     """
-    onset, n = round(onset / scene.dt), round(duration / scene.dt)
     prior, N = family.effect.parameters(scene)[1], len(scene.y)
+    n = round(grid.middle[1] - grid.middle[0])
     low, high = min(round(prior.low / scene.dt), n), max(prior.high / scene.dt, n)
 
     def spans(ends):
@@ -316,6 +323,4 @@ def resolved_span(scene, family, one, onset, duration):
         length = end - begin
         fits = (begin > 0) & (low <= length) & (length <= high) & (end <= N)
         return scene.dt * np.column_stack([begin, length]), fits
-    apart = (DURATION_STEP - 1.0) * n / 6.0
-    return resolved(scene, family, one, spans, (onset, onset + n), (apart, apart),
-                    (1.0, 1.0), 6)
+    return resolved(scene, family, one, spans, grid, (1.0, 1.0), 6)

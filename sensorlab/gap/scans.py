@@ -16,9 +16,11 @@ from sensorid import brief
 from sensorlab.gap.catalogue import MIN_CYCLES, MIN_RINGING
 from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene
 from sensorlab.gap.kernels import KERNEL, spectrum
-from sensorlab.gap.onsets import resolved_span, span_scan, step_scan, step_scores
+from sensorlab.gap.onsets import (
+    resolved_span, span_grid, span_scan, step_scan, step_scores)
 from sensorlab.gap.signatures import (
-    Scan, blocks, information, least_squares, mean_bayes, resolved, scores_at, unnamed)
+    Grid, Scan, blocks, information, least_squares, mean_bayes, resolved, scores_at,
+    unnamed)
 
 
 @njit(**KERNEL)
@@ -160,12 +162,19 @@ def _waves(scene, family, one, n, onsets):
         yield Scan(((line.real**2 + line.imag**2) / J).ravel(), 2, of)
 
 
-def _resolved_waves(scene, family, one, onset, duration, frequency):
-    """The family about waves in an envelope, on a grid that resolves what is known of
-    their onset, duration and frequency, each by itself.
-    """
+def _wave_grid(scene, family, onset, duration, frequency):
+    """`Grid` of `_resolved_waves` about waves, as a scan found them."""
     prior = family.effect.parameters(scene)[1]
     duration = float(np.clip(duration, prior.low, prior.high))
+    return Grid((onset, np.log(duration), frequency), (
+        duration / WAVE_PARTS / 3.0, np.log(WAVE_STEP) / 3.0, 0.25 / duration))
+
+
+def _resolved_waves(scene, family, one, grid):
+    """The family about waves in an envelope, on a grid that resolves what is known of
+    their onset, duration and frequency, each by itself; and that `Grid`.
+    """
+    prior = family.effect.parameters(scene)[1]
 
     def waves(x):
         onset, length, frequency = x.T
@@ -174,15 +183,12 @@ def _resolved_waves(scene, family, one, onset, duration, frequency):
             length >= prior.low) & (length <= prior.high) & (
             frequency * length >= 0.1) & (frequency <= 0.5 / scene.dt)
         return np.column_stack([onset, length, frequency]), fits
-    return resolved(
-        scene, family, one, waves, (onset, np.log(duration), frequency),
-        (duration / WAVE_PARTS / 3.0, np.log(WAVE_STEP) / 3.0, 0.25 / duration),
-        (0.3 * scene.dt, 1e-3, 0.0), 3)
+    return resolved(scene, family, one, waves, grid, (0.3 * scene.dt, 1e-3, 0.0), 3)
 
 
 SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
              waves=_wave_scan)
-FINER = dict(pulse=resolved_span, waves=_resolved_waves)
+FINER = dict(pulse=(span_grid, resolved_span), waves=(_wave_grid, _resolved_waves))
 LIKELY = 16    # signatures whose gains are exact at every node; twice as many if some
                # are between those of a grid
 
@@ -273,16 +279,21 @@ def is_coarse(scene, family):
     return bool(family.effect.search != "onset" and family.effect.parameters(scene))
 
 
-def refined(scene, family, one):
-    """The family again, finer where a coarse search at one node found mass."""
+def refined(scene, family, one, grid=None):
+    """The family again, finer where a coarse search at one node found mass; and the
+    `Grid` where it is so, if there is one, from which another node may begin.
+    """
     effect = family.effect
+    if grid:
+        return FINER[effect.search][1](scene, family, one, grid)
     if effect.search:
         scan = max(SCANS[effect.search](scene, family, one),
                    key=lambda part: part.gain.max())
         gain = scan.gain
         if effect.search in FINER:
             (psi,), _ = scan.of(gain.argmax(keepdims=True))
-            return FINER[effect.search](scene, family, one, *psi)
+            about, finer = FINER[effect.search]
+            return finer(scene, family, one, about(scene, family, *psi))
         psi, _ = scan.of(np.arange(len(gain)))
     else:
         found = scores_at(scene, family, one)
@@ -295,6 +306,6 @@ def refined(scene, family, one):
         # the scan may have parts on either side
         low = max(low if near[0] else prior.low, top - apart)
         high = min(high if near[-1] + 1 < len(psi) else prior.high, top + apart)
-        return family._replace(psi=tuple(np.linspace(low, high, 81)))
+        return family._replace(psi=tuple(np.linspace(low, high, 81))), None
     return family._replace(psi=tuple(prior._replace(
-        low=low, high=high).quantile(np.linspace(0.0, 1.0, 40))))
+        low=low, high=high).quantile(np.linspace(0.0, 1.0, 40)))), None

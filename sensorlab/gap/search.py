@@ -14,7 +14,7 @@ from sensorlab.gap.causes import (
 from sensorlab.gap.costs import heard_by, say
 from sensorlab.gap.distance import TRIALS, Gap, enough_trials
 from sensorlab.gap.effects import simulate_effects
-from sensorlab.gap.evidence import HOPELESS_NATS
+from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.flexible import stays_needed
 from sensorlab.gap.pairs import best_pair
 from sensorlab.gap.readings import as_read
@@ -121,9 +121,11 @@ def _unless_shared(causes, theirs):
 
 def beside_steps(full, done, again, effects):
     """A search, or the better one `again` without steps at random, if it has found some
-    and they leave something: they come near to whatever stays for a while.
+    and they leave something: they come near to whatever stays for a while. What that
+    is shows the more, the longer a record.
     """
-    if "random_steps" not in done.path.effects or done.after.p_value >= LOOK_ON:
+    if "random_steps" not in done.path.effects or (
+            done.after.p_value >= LOOK_ON * effort(full)):
         return done
     other = again([e for e in effects if e.name != "random_steps"])
 

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from sensorid import INSIDE, brief
-from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.catalogue import CATALOGUE, LASTS
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
 from sensorlab.gap.filters import cut, summed
 from sensorlab.gap.kernels import KERNEL, row_products
@@ -213,6 +213,12 @@ def columns_at(scene, family, psi):
 
 def scores_at(scene, family, solved, psi=None):
     """`Scores` of the signatures of `blocks`."""
+    psi = list(family.psi if psi is None else psi)
+    if family.effect.search == "waves":
+        begin, end = span_of(scene, psi)
+        first, last = _needed(begin, end, len(scene.y))
+        if last - first < len(scene.y):
+            return _scores_within(scene, family, solved, psi, first, last)
     parts = []
     for block in blocks(scene, family, solved, psi):
         m, k, N = block.columns.shape
@@ -220,6 +226,24 @@ def scores_at(scene, family, solved, psi=None):
         parts.append(least_squares(block.psi, number.reshape(-1, m, k), information(
             scene, block.columns, solved))._replace(variant=block.variant))
     return joined(parts)
+
+
+def span_of(scene, psi):
+    """First and last sample of what begins at onsets and is over after durations, the
+    first two of psi, or after LASTS of them.
+    """
+    onset, duration = np.transpose(psi)[:2] / scene.dt
+    return max(int(onset.min()) - 1, 0), min(
+        int((onset + LASTS * duration).max()) + 2, len(scene.y))
+
+
+def _scores_within(scene, family, solved, psi, first, last):
+    """`scores_at` of waves that are over within a part of the scene, by that part."""
+    later = [(onset - first * scene.dt, *rest) for onset, *rest in psi]
+    own = dict(zip(later, psi))
+    found = scores_at(scene.cut(slice(first, last)), family, solved.cut(first, last),
+                      later)
+    return found._replace(psi=np.array([own[tuple(one)] for one in found.psi.tolist()]))
 
 
 def joined(parts):
@@ -236,9 +260,16 @@ EDGE = 0.05     # of the mass of the best node along an axis: as much at its end
                 # what a grid does not hold
 
 
-def resolved(scene, family, one, at, middle, apart, least, reach):
+class Grid(NamedTuple):
+    """Where a family has been resolved: its coordinates are those of `resolved`."""
+
+    middle: np.ndarray    # (d,)
+    apart: np.ndarray     # (d,)
+
+
+def resolved(scene, family, one, at, grid, least, reach):
     """The family on a grid of its parameter that holds what is known of it along each
-    axis, and resolves it.
+    axis, and resolves it; and that `Grid`.
 
     Parameters
     ----------
@@ -246,13 +277,15 @@ def resolved(scene, family, one, at, middle, apart, least, reach):
         At one node.
     at : function of (m, d)
         psi (m, .) of coordinates, and which of them are allowed.
-    middle, apart, least : sequences of d numbers
-        Coordinates of a node that has mass, which is allowed, distances of nodes along
-        each axis, and the least distances.
+    grid : Grid
+        Where to begin: its middle has mass, and is allowed.
+    least : sequence of d numbers
+        The least distances of nodes along each axis.
     reach : int
         How many nodes there are to either side.
     """
-    middle, apart, d = np.array(middle, float), np.array(apart, float), len(middle)
+    middle, apart = (np.array(part, float) for part in grid)
+    d = len(middle)
     steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1.0)] * d, indexing="ij"),
                      -1).reshape(-1, d)
     apart = np.maximum(apart, least)
@@ -281,7 +314,7 @@ def resolved(scene, family, one, at, middle, apart, least, reach):
         if held and (changed == apart).all():
             break
         middle, apart = (middle + apart * steps)[mass.argmax()], changed
-    return family
+    return family, Grid(middle, apart)
 
 
 MEMORY = 10**4    # samples in which a filter forgets how it began, ...
@@ -294,7 +327,13 @@ def _about(rows):
     """
     N = rows.shape[1]
     seen = rows.any(0) if N > 3 * MEMORY else np.ones(1, bool)
-    begin, end = int(seen.argmax()), N - int(seen[::-1].argmax())
+    return _needed(int(seen.argmax()), N - int(seen[::-1].argmax()), N)
+
+
+def _needed(begin, end, N):
+    """First and last sample, of N, from which a filter tells all of what is 0 but
+    between these two.
+    """
     more = max(MEMORY, FORGETS * (end - begin))
     first, last = max(begin - more, 0), min(end + more, N)
     return (first, last) if last - first < N // 2 else (0, N)
