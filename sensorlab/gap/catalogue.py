@@ -244,7 +244,9 @@ NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at z
 
 def _bandwidth(scene, filt, tau, variant=""):
     """The white noise passes a low-pass of unit gain at rest, of first order or of
-    second (Butterworth), or a digital one (the bilinear transform of either).
+    second (Butterworth), or a digital one (the bilinear transform of either), which
+    random walks and Markov processes pass, too: it lets nothing of them through where
+    it lets no white noise through.
     """
     rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[..., :1]
     if filt.Psi.shape[-1] > 1:    # it changes, and so does what drives the low-pass
@@ -254,9 +256,9 @@ def _bandwidth(scene, filt, tau, variant=""):
         return even._replace(Gamma=even.Gamma * np.where(
             own, change[..., None, None], 1.0))
     if variant == "digital":
-        return _added(rest, _digital(scene.dt / tau, white))
+        return _through(_digital(scene.dt / tau, 1.0), rest, white)
     if variant == "digital first order":
-        return _added(rest, _digital_of_first_order(scene.dt / tau, white))
+        return _through(_digital_of_first_order(scene.dt / tau, 1.0), rest, white)
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
@@ -274,6 +276,78 @@ def _bandwidth(scene, filt, tau, variant=""):
     return _added(rest, _pair([[c, -s], [s, c]], [
         [sd * first, 0.0], [sd * both, sd * second]], [1.0, 0.0], [
         [sd**2, -sd**2], [-sd**2, 3.0 * sd**2]]))
+
+
+def _through(low_pass, rest, white):
+    """White noise, and the one-state processes of a shaping filter, through a low-pass,
+    which is the shaping filter of white noise of variance 1 that passes it, that noise
+    its last state.
+
+    Its states s <- A s + B u are driven by the output u = h x of a process x <- f x +
+    g w. With T = f (f - A)^-1 B, s - T h x <- A (s - T h x) + (B - T) h g w is driven
+    by w alone, and what the low-pass puts out, C s + D u, has (D + C T) h x of x, its
+    response at f.
+    """
+    A, B = low_pass.Phi[..., :-1, :-1], low_pass.Gamma[..., :-1, 0]
+    C, D = low_pass.H[0, :-1], low_pass.Gamma[..., -1, 0]
+    filt = _added(rest, low_pass._replace(
+        Gamma=low_pass.Gamma * white[..., None, None],
+        P0=low_pass.P0 * white[..., None]**2))
+    n, own, columns = rest.H.shape[-1], np.eye(A.shape[-1]), rest.Gamma.shape[-1]
+    s = slice(n, n + len(own))
+    of_nodes = np.broadcast_shapes(filt.Phi.shape[:-3], filt.Gamma.shape[:-3],
+                                   filt.P0.shape[:-2])
+    Gamma = np.broadcast_to(filt.Gamma, of_nodes + filt.Gamma.shape[-3:]).copy()
+    P0 = np.broadcast_to(filt.P0, of_nodes + filt.P0.shape[-2:]).copy()
+    for k in _alone(rest):
+        f, h = rest.Phi[..., k, k], rest.H[0, k]
+        T = f[..., None] * _solved(f[..., None, None] * own - A, B)
+        response = D + T @ C
+        e, g = (B - T) * h, rest.Gamma[..., k, :]
+        Gamma[..., k, :columns] = response[..., None] * g
+        Gamma[..., s, :columns] += e[..., :, None] * g[..., None, :]
+        drive = (g**2).sum(-1)[..., :1]    # before anything changes
+        settled = _settled(A, e)
+        with_x = _solved(own - f[..., None, None] * A, e) * response[..., None]
+        # what a walk has moved before is in s: it begins with as much
+        begun = np.where(np.abs(f) < 1.0, response**2 * rest.P0[..., None, k, k],
+                         drive * _explained(settled, with_x))
+        P0[..., k, k] = begun[..., 0]
+        P0[..., k, s] = P0[..., s, k] = (drive[..., None] * with_x)[..., 0, :]
+        P0[..., s, s] += (drive[..., None, None] * settled)[..., 0, :, :]
+    return filt._replace(Gamma=Gamma, P0=P0)
+
+
+def _alone(filt):
+    """Numbers of those states that neither move nor are moved by others, nor share
+    their noise, and are observed.
+    """
+    apart = np.abs(filt.Phi).reshape(-1, *filt.Phi.shape[-2:]).max(0)
+    noise = np.abs(filt.Gamma).reshape(-1, *filt.Gamma.shape[-2:]).max(0)
+    joined = apart + apart.T + noise @ noise.T
+    np.fill_diagonal(joined, 0.0)
+    return np.flatnonzero(~joined.any(0) & (filt.H[0] != 0.0) & ~filt.m0.astype(bool)
+                          & (filt.H == filt.H[0]).all(0))
+
+
+def _solved(A, b):
+    """A^-1 b of matrices (..., m, m) and vectors (..., m)."""
+    return np.linalg.solve(A, np.broadcast_to(b, np.broadcast_shapes(
+        A.shape[:-1], b.shape))[..., None])[..., 0]
+
+
+def _explained(P, c):
+    """c' P^-1 c of covariances (..., m, m), which may be 0, and vectors (..., m)."""
+    size = np.trace(P, axis1=-2, axis2=-1)[..., None, None]
+    return (c * _solved(P + (1e-14 * size + 1e-290) * np.eye(P.shape[-1]), c)).sum(-1)
+
+
+def _settled(A, b):
+    """P = A P A' + b b' of matrices (..., m, m) and vectors (..., m)."""
+    m = A.shape[-1]
+    both = np.einsum("...ij,...kl->...ikjl", A, A).reshape(*A.shape[:-2], m * m, m * m)
+    square = (b[..., :, None] * b[..., None, :]).reshape(*b.shape[:-1], m * m)
+    return _solved(np.eye(m * m) - both, square).reshape(*b.shape[:-1], m, m)
 
 
 MOST_WARPED = 1.4    # radians: a higher cut-off is taken for 0.45 of the sampling rate
@@ -832,9 +906,10 @@ CATALOGUE = {effect.name: effect for effect in (
            uneven=(("digital", "second order"), ("digital first order", "first order")),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
            equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
-                    "+ sqrt(2) tau dV/dt = v - V, of which digital (of second order, "
-                    "or first) is the bilinear transform that keeps the cut-off "
-                    "1 / (2 pi tau), if v does not change; tau in s",
+                    "+ sqrt(2) tau dV/dt = v - V; a digital one (of second order, or "
+                    "first), the bilinear transform of either that keeps the cut-off "
+                    "1 / (2 pi tau), has random walks and Markov processes pass it, "
+                    "too, if no noise changes; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("blue_noise", model=_blue_noise, elementwise=True, search="spectrum",
            parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),

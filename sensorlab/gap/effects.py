@@ -97,7 +97,7 @@ class Effect(NamedTuple):
                                 # takes the variant, where there are variants
     variants: tuple = ()        # forms of a model; "" is the first
     uneven: tuple = ()          # pairs of a form and of that which stands in for it
-                                # where white noise changes
+                                # where a noise changes
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
     comes_last: bool = False    # the model alters what all others make, as that of a
                                 # reading does
@@ -387,10 +387,10 @@ class Member(NamedTuple):
 
 def _with_even_forms(effects):
     """Effects, those in a form that takes even noise in that which stands in for it, if
-    white noise changes.
+    a noise changes.
     """
     effects = tuple(effects)
-    if not any(one.effect.of_white for one in effects):
+    if not any(one.effect.drive for one in effects):
         return effects
     return tuple(one._replace(variant=dict(one.effect.uneven).get(
         one.variant, one.variant)) for one in effects)

@@ -86,7 +86,7 @@ def _bank(h, scene, theta):
     momentary = _momentary(b)
     if momentary.any():
         momentary[:h.own_states] = False    # those of effects alone
-    return _without_states(b, momentary)
+    return _apart(_without_states(b, momentary))
 
 
 def _momentary(b):
@@ -122,6 +122,45 @@ def _without_states(b, momentary):
     inside = np.ix_(range(len(S)), keep, keep)
     return Bank(Phi[inside][:, None], Q[inside][:, None], b.H[..., keep], r,
                 b.m0[:, keep], P0[inside])
+
+
+def _apart(b):
+    """A bank whose output has the same covariance, its states without noise in common
+    with one that no other moves.
+
+    As in `_without_states`, S is added to P, here with S h = 0, so that it changes
+    nothing that a filter says of its output; beside a state k, of factor f, S is
+    -Q (1 - f Phi')^-1, which leaves it no covariance with others.
+    """
+    off = ~np.eye(b.Q.shape[-1], dtype=bool)
+    shared, moved = b.Q.any((0, 1)) & off, b.Phi.any((0, 1)) & off
+    alone = np.flatnonzero(shared.any(1) & ~(moved | moved.T).any(1))
+    if not len(alone) or b.Phi.shape[1] > 1 or b.Q.shape[1] > 1:
+        return b
+    h, Phi, Q, S = b.H[0, 0], b.Phi[:, 0], b.Q[:, 0], np.zeros_like(b.P0)
+    left = shared.copy()
+    for k in alone:
+        with_k = np.flatnonzero(left[k])
+        if not len(with_k):    # the others were first
+            continue
+        left[k] = left[:, k] = False
+        f = Phi[:, k, k]
+        inside = Phi[:, with_k[:, None], with_k]
+        own = -np.linalg.solve(np.eye(len(with_k)) - f[:, None, None] * inside,
+                               Q[:, with_k, k, None])[..., 0]
+        S[:, with_k, k] = S[:, k, with_k] = own
+        S[:, k, k] = -own @ h[with_k] / h[k]
+        first, *others = with_k[np.argsort(h[with_k] == 0.0, kind="stable")]
+        at = {state: axis for axis, state in enumerate(with_k)}
+        S[:, first, first] -= own[:, at[first]] * h[k] / h[first]
+        for other in others:
+            S[:, first, other] -= own[:, at[other]] * h[k] / h[first]
+            S[:, other, first] = S[:, first, other]
+    Q, P0 = Q + S - Phi @ S @ Phi.swapaxes(1, 2), b.P0 + S
+    for m in (Q, P0):
+        for k in alone:
+            m[:, k, shared[k]] = m[:, shared[k], k] = 0.0
+    return b._replace(Q=Q[:, None], P0=P0)
 
 
 class Change(NamedTuple):

@@ -125,8 +125,10 @@ def _log_bayes(richer, scene, seen, theta):
     nodes = np.hstack([np.tile(theta, (len(grid), 1)), at_quantiles(own, grid)])
     ratio = _densities(richer, scene, nodes, seen.frequency) / seen.density
     total = seen.count.sum()
-    gain = -total * np.log((seen.power / ratio) @ seen.count / total) - (
-        np.log(ratio) @ seen.count)
+    with np.errstate(invalid="ignore"):    # next to nothing may be less by rounding
+        gain = -total * np.log((seen.power / ratio) @ seen.count / total) - (
+            np.log(ratio) @ seen.count)
+    gain = np.where(np.isfinite(gain), gain, NOTHING)
     # as for an account, no more than by Akaike's correction
     return min(logsumexp(gain) - np.log(len(gain)), gain.max() - len(own))
 
