@@ -245,8 +245,8 @@ NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at z
 def _bandwidth(scene, filt, tau, variant=""):
     """The white noise passes a low-pass of unit gain at rest, of first order or of
     second (Butterworth), or a digital one (the bilinear transform of either), which
-    random walks and Markov processes pass, too: it lets nothing of them through where
-    it lets no white noise through.
+    random walks and Markov processes pass, too, if it is not of white noise alone: it
+    lets nothing of them through where it lets no white noise through.
     """
     rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[..., :1]
     if filt.Psi.shape[-1] > 1:    # it changes, and so does what drives the low-pass
@@ -255,10 +255,10 @@ def _bandwidth(scene, filt, tau, variant=""):
         change = filt.Psi / np.where(white > 0.0, white, 1.0)
         return even._replace(Gamma=even.Gamma * np.where(
             own, change[..., None, None], 1.0))
-    if variant == "digital":
-        return _through(_digital(scene.dt / tau, 1.0), rest, white)
-    if variant == "digital first order":
-        return _through(_digital_of_first_order(scene.dt / tau, 1.0), rest, white)
+    if variant.startswith("digital"):
+        digital = _digital_of_first_order if "first order" in variant else _digital
+        return _through(digital(scene.dt / tau, 1.0), rest, white,
+                        [] if variant.endswith("white noise") else _alone(rest))
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
@@ -278,10 +278,10 @@ def _bandwidth(scene, filt, tau, variant=""):
         [sd**2, -sd**2], [-sd**2, 3.0 * sd**2]]))
 
 
-def _through(low_pass, rest, white):
-    """White noise, and the one-state processes of a shaping filter, through a low-pass,
-    which is the shaping filter of white noise of variance 1 that passes it, that noise
-    its last state.
+def _through(low_pass, rest, white, states):
+    """White noise, and some states of a shaping filter that are `_alone`, through a
+    low-pass, which is the shaping filter of white noise of variance 1 that passes it,
+    that noise its last state.
 
     Its states s <- A s + B u are driven by the output u = h x of a process x <- f x +
     g w. With T = f (f - A)^-1 B, s - T h x <- A (s - T h x) + (B - T) h g w is driven
@@ -299,7 +299,7 @@ def _through(low_pass, rest, white):
                                    filt.P0.shape[:-2])
     Gamma = np.broadcast_to(filt.Gamma, of_nodes + filt.Gamma.shape[-3:]).copy()
     P0 = np.broadcast_to(filt.P0, of_nodes + filt.P0.shape[-2:]).copy()
-    for k in _alone(rest):
+    for k in states:
         f, h = rest.Phi[..., k, k], rest.H[0, k]
         T = f[..., None] * _solved(f[..., None, None] * own - A, B)
         response = D + T @ C
@@ -902,14 +902,17 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="sinusoid where tau is long, correlated noise where it is short",
            experiment="damp vibration; an alias moves with the sampling rate"),
     Effect("bandwidth", model=_bandwidth, elementwise=True, search="spectrum",
-           variants=("first order", "second order", "digital", "digital first order"),
-           uneven=(("digital", "second order"), ("digital first order", "first order")),
+           variants=("first order", "second order", "digital", "digital first order",
+                     "digital white noise", "digital first order white noise"),
+           uneven=(("digital", "second order"), ("digital first order", "first order"),
+                   ("digital white noise", "second order"),
+                   ("digital first order white noise", "first order")),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
            equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
                     "+ sqrt(2) tau dV/dt = v - V; a digital one (of second order, or "
                     "first), the bilinear transform of either that keeps the cut-off "
                     "1 / (2 pi tau), has random walks and Markov processes pass it, "
-                    "too, if no noise changes; tau in s",
+                    "too, or the white noise alone, if no noise changes; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("blue_noise", model=_blue_noise, elementwise=True, search="spectrum",
            parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),

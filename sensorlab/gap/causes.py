@@ -267,9 +267,9 @@ class _Inside(_Where):
         """
         if effect.name not in self._known:
             scene, start = self.start(effect)
-            every = [(variant, [h.with_effect(effect, variant)
-                                for h in start.hypotheses])
-                     for variant in effect.variants or ("",)]
+            every = _different((variant, [h.with_effect(effect, variant)
+                                          for h in start.hypotheses])
+                               for variant in effect.variants or ("",))
             self._known[effect.name] = [(variant, *self._told(
                 effect, scene, start, richer)) for variant, richer in every]
         return self._known[effect.name]
@@ -305,6 +305,19 @@ class _Inside(_Where):
                                  values=_values(new.member.effects[-1], new),
                                  variant=variant))
         return result
+
+
+def _different(forms):
+    """Those (variant, hypotheses) of which no earlier one has the same filters."""
+    result, known = [], []
+    for variant, richer in forms:
+        filters = [h.at_mean[-1] for h in richer]
+        if any(all(np.array_equal(a, b) for one, own in zip(filters, other)
+                   for a, b in zip(one, own)) for other in known):
+            continue
+        known.append(filters)
+        result.append((variant, richer))
+    return result
 
 
 def _with_filters(inside, effects, processes, best, surely):
@@ -750,12 +763,13 @@ def _with_wrong_parameters(scene, acc, effect, floor):
         if not any(pushed for _, pushed in widened):
             continue
         name, (own, _) = ".".join(filter(None, key)), key
-        forms = _forms(acc.bases, own)
-        for form in forms:
-            wide = account(scene, acc.bases, [
-                h.with_form(own, form) for h, _ in widened], acc.signatures,
-                acc.readings, acc, floor)
-            other = {} if form == forms[0] else dict(form=(form, 0.0))
+        its_own = _form(acc.bases, own)
+        for form, members in _different((form, [
+                h.with_form(own, form) for h, _ in widened])
+                for form in _forms(acc.bases, own)):
+            wide = account(scene, acc.bases, members, acc.signatures, acc.readings, acc,
+                           floor)
+            other = {} if form == its_own else dict(form=(form, 0.0))
             yield _Rival(effect, name, _log_bayes(wide, acc), account=wide,
                          values=dict(parameter=(name, 0.0), **other,
                                      factor=_factor(key, acc.hypotheses, wide)))
