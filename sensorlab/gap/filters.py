@@ -86,7 +86,7 @@ def _bank(h, scene, theta):
     momentary = _momentary(b)
     if momentary.any():
         momentary[:h.own_states] = False    # those of effects alone
-    return _apart(_without_states(b, momentary))
+    return _apart(_without_states(b, momentary), h.own_states)
 
 
 def _momentary(b):
@@ -124,9 +124,9 @@ def _without_states(b, momentary):
                 b.m0[:, keep], P0[inside])
 
 
-def _apart(b):
+def _apart(b, own_states):
     """A bank whose output has the same covariance, its states without noise in common
-    with one that no other moves.
+    with one that no other moves; the first ones, of a hypothesis itself, may have.
 
     As in `_without_states`, S is added to P, here with S h = 0, so that it changes
     nothing that a filter says of its output; beside a state k, of factor f, S is
@@ -134,6 +134,7 @@ def _apart(b):
     """
     off = ~np.eye(b.Q.shape[-1], dtype=bool)
     shared, moved = b.Q.any((0, 1)) & off, b.Phi.any((0, 1)) & off
+    shared[:own_states, :own_states] = False
     alone = np.flatnonzero(shared.any(1) & ~(moved | moved.T).any(1))
     if not len(alone) or b.Phi.shape[1] > 1 or b.Q.shape[1] > 1:
         return b
