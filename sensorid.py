@@ -2623,13 +2623,13 @@ def criteria_grid(h, dt, samples, seed=0, pilots=16, max_nodes=60000):
     prior, whose edges a coarse grid blurs.
     Returns the grid and the nodes per standard deviation reached, (d,).
     """
-    box, p = prior_box(h, dt), len(h.parameters)
+    box, free = prior_box(h, dt), free_columns(h.parameters)
     nodes, dense = np.full(len(box.low), 12), None
     y = simulate([h], dt, samples, pilots, seed).error
     while True:
         g = grid(h, dt, nodes, box)
         _, _, cov = next(posteriors(g, y, [samples], coordinates=True))
-        sd = np.sqrt(np.diagonal(cov, axis1=1, axis2=2)[:, :p].mean(0))
+        sd = np.sqrt(cov[:, free, free].mean(0))
         if dense and (abs(sd - dense[-1]) <= AGREED * sd).all():
             return dense[:2]
         reached = np.array([_nodes_per_sd(g, c) for c in cov])
