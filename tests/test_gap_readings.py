@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import DT, MODEL, WHITE
 from numpy.testing import assert_allclose
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 import sensorid
 import sensorlab
@@ -332,6 +332,18 @@ def test_the_mean_of_a_coarsely_rounded_record_is_that_before():
     assert abs(rounded.mean() - 0.7) > 0.05
     mean = readings.latent_mean(rounded, [one])
     assert mean == pytest.approx(0.7, abs=0.05)    # sd 0.016
+
+
+def test_counts_hide_nothing_of_what_soon_passes_many():
+    rng = np.random.default_rng(6)
+    slow = 0.05 * rng.standard_normal(3000).cumsum() + rng.standard_normal(3000)
+    smooth = lfilter(*butter(2, 0.03), rng.standard_normal(3300))[300:]
+    for y, lsb, opaque in ((smooth, 0.7, False), (smooth, 2.5, True),
+                           (slow, 4.5 / np.std(slow), True)):
+        lsb = lsb * np.std(y)
+        noise = np.sqrt(np.mean(np.diff(y)**2) / 2.0)
+        (one,) = readings.readings(Scene(lsb * np.round(y / lsb), DT, {}))
+        assert lsb > 4.0 * noise and one.opaque is opaque is not one.coarse
 
 
 def test_of_few_codes_no_end_is_a_limit():

@@ -58,7 +58,8 @@ HIDDEN = 0.25         # of the samples: if more are clipped, what they may have 
 NOISY = 2.0           # of the white noise: what a coarser lattice adds is no white
                       # noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
 HIDING = 4.0          # of the white noise: of a coarser lattice few codes are met,
-                      # and these for long
+                      # and these for long, unless ...
+SOON = 16             # ... samples later many have been passed: what is slow is smooth
 SMOOTH = 1.5          # of the white noise: what a finer lattice adds is white noise to
                       # exp(-2 pi^2 / 1.5^2) = 2e-4 of it (the same)
 
@@ -99,9 +100,10 @@ def readings(scene):
         seen.append(Reading(_found("stuck", spans=spans),
                             COINCIDENCE * float(stuck.sum()), stuck, False))
     if lsb > COARSE * noise:
+        hides = lsb > HIDING * noise and lsb > NOISY * _noise(y, lsb, SOON)
         seen.append(Reading(_found("quantization", lsb=lsb), COINCIDENCE * N,
-                            np.zeros(N, bool), bool(lsb > HIDING * noise),
-                            bool(NOISY * noise < lsb <= HIDING * noise), bool(moved)))
+                            np.zeros(N, bool), bool(hides),
+                            bool(lsb > NOISY * noise and not hides), bool(moved)))
         codes, log_bayes = _codes(y[~(clipped | stuck)], lsb)
         if codes and not moved:
             seen.append(Reading(_found("differential_nonlinearity", codes=codes),
@@ -205,8 +207,16 @@ def _found(name, **values):
 
 def lattice_and_noise(y):
     """`lattice` of a record, and the standard deviation of its noise without it."""
-    seen, lsb = y[~np.isnan(y)], lattice(y)
-    return lsb, less_rounding(np.sqrt(np.mean(np.diff(seen)**2) / 2.0), lsb)
+    lsb = lattice(y)
+    return lsb, _noise(y, lsb)
+
+
+def _noise(y, lsb, apart=1):
+    """Standard deviation of what is another in samples so many `apart`, without what
+    rounding adds.
+    """
+    seen = y[~np.isnan(y)]
+    return less_rounding(np.sqrt(np.mean((seen[apart:] - seen[:-apart])**2) / 2.0), lsb)
 
 
 def adds_noise(y, lsb):
