@@ -105,6 +105,18 @@ def test_a_screen_tells_about_what_the_filters_tell(name, share, monkeypatch):
     assert_allclose(about, exact, atol=1.0 + 0.2 * abs(exact))
 
 
+@pytest.mark.parametrize("onset, ratio", [(0.3, 2.0), (0.6, 0.2), (0.0, 2.0)])
+def test_a_screen_knows_that_the_drive_of_a_simulator_is_fixed(onset, ratio):
+    rng, N = np.random.default_rng(2), 3000
+    walk = 0.1 * np.where(np.arange(N) < onset * N, 1.0, ratio) * rng.standard_normal(N)
+    scene = Scene(np.cumsum(walk) + 0.5 * rng.standard_normal(N), DT, {})
+    known = member(scene, sensorid.hypothesis(
+        "random_walk", 1.0, sigma_w=0.1, sigma_v=0.5))
+    exact, about = ln_bayes(scene, known, "walk_step")
+    assert exact > 15.0
+    assert_allclose(about, exact, atol=1.0 + 0.1 * abs(exact))
+
+
 @pytest.mark.parametrize("name", ["correlated_noise", "bias_instability"])
 @pytest.mark.parametrize("size", [0.0, 0.25, 0.5])
 def test_spectra_tell_about_what_the_filters_of_a_process_tell(name, size):

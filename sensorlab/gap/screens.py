@@ -225,16 +225,23 @@ def change_of_drive(effect, scene, member, signatures, theta):
         known.update(zip((-apart, apart), side_by_side(scored, [-apart, apart])))
     number = np.sort(list(known))
     early, whole = map(np.array, zip(*(known[k] for k in number)))
-    width = np.log(np.gradient(number) / STRENGTHS)
-    gain = (width[:, None] + early)[:, None] + (
-        width[:, None] + whole[:, None] - early)
-    even = logsumexp(width + whole)
-    before, after, first = np.unravel_index(gain.argmax(), gain.shape)
-    top = gain[before, after, first] - width[before] - width[after] - whole.max()
-    return Told(
-        float(min(logsumexp(gain) - np.log(len(at)) - even, top - 2.0)), int(at[first]),
-        float(np.clip(0.5 + (number[after] - number[before]) / STRENGTHS,
-                      0.5 / STRENGTHS, 1.0 - 0.5 / STRENGTHS)))
+    width, own = np.log(np.gradient(number) / STRENGTHS), np.flatnonzero(number == 0.0)
+
+    def told(begin, even):
+        """`Told` of a drive that is as in `begin` of the strengths first, beside one
+        that is `even`.
+        """
+        gain = (width[begin, None] + early[begin])[:, None] + (
+            width[:, None] + whole[:, None] - early)
+        before, after, first = np.unravel_index(gain.argmax(), gain.shape)
+        top = gain[before, after, first] - width[begin[before]] - width[after]
+        return Told(float(min(logsumexp(gain) - np.log(len(at)) - even,
+                              top - whole[begin].max() - 2.0)), int(at[first]), float(
+            np.clip(0.5 + (number[after] - number[begin[before]]) / STRENGTHS,
+                    0.5 / STRENGTHS, 1.0 - 0.5 / STRENGTHS)))
+    # where the simulator's own strength may not move, it is the first of the two
+    return max(told(np.arange(len(number)), logsumexp(width + whole)), told(
+        own, width[own[0]] + whole[own[0]]))
 
 
 LEVEL_NODES = 4    # values of each parameter of a level that are tried
