@@ -45,7 +45,7 @@ def test_nodes_of_two_posteriors_give_the_evidence(level):    # moves the poster
     assert_allclose(sample.log_evidence[near], whole.log_evidence[near], atol=0.4)
     if level:    # those that cannot be the best are asked at the first nodes alone
         (first,) = directed._scored(scene, reference, reference, listed, range(1, 5),
-                                    table)
+                                    table, {})
         assert len(sample.theta) > len(first.theta)
         alone = directed._pooled(scene, [first], reference.samples[0]).log_evidence
         far = alone < alone.max() - directed.RESCUED

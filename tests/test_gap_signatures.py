@@ -5,6 +5,7 @@ import pytest
 from conftest import DT, MODEL, dense, member
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import integrate as quadrature
+from scipy.fft import next_fast_len
 from scipy.signal import find_peaks
 from scipy.stats import norm
 
@@ -138,24 +139,70 @@ def test_what_matters_is_exact_at_every_node(effect):
     theta = account(scene, [h]).sample.nodes(6)
     solved, table = filters.solve(h, scene, (), theta), signatures.bayes_table()
     family = signatures.Family(CATALOGUE[effect], "")
-    best = int(solved.base.argmax())
-    parts = list(scans.SCANS[family.effect.search](scene, family, solved.node(best)))
+    one = solved.node(int(solved.base.argmax()))
+    parts = list(scans.SCANS[family.effect.search](scene, family, one))
+    count = sum(len(part.gain) for part in parts)
+    if family.effect.search == "waves":    # these are resolved
+        best = max(parts, key=lambda part: part.gain.max())
+        (psi,), _ = best.of(best.gain.argmax(keepdims=True))
+        parts = [scans._in_cells(scene, family, one, psi)[0]]
     top, gain = max(part.gain.max() for part in parts), []
     for part in parts:
         likely = np.flatnonzero(part.gain > top - 25.0)
         share = np.broadcast_to(part.log_share, part.gain.shape)[likely]
-        for one, name, less in zip(*part.of(likely), share):
+        for psi, name, less in zip(*part.of(likely), share):
             gain.append(2.0 * less + signatures.scores_at(
-                scene, family._replace(variant=name), solved, [one.tolist()]).gain)
+                scene, family._replace(variant=name), solved, [psi.tolist()]).gain)
     # of all that is within e^-12 of the best, and nothing else
     exact = signatures.mean_bayes(np.maximum(np.hstack(gain), 0.0), table[
-        part.k]) + np.log(len(gain) / sum(len(part.gain) for part in parts))
+        part.k]) + np.log(len(gain) / count)
     assert exact.min() > 8.0 and np.ptp(exact) > 0.3
-    one = solved.node(int(solved.base.argmax()))
     told, likely = scans.family_bayes(scene, family, solved, one, table)
     assert_allclose(told, exact, atol=0.15)
     again, _ = scans.family_bayes(scene, family, solved, one, table, likely)
     assert_allclose(again, told, rtol=1e-9)
+
+
+@pytest.mark.parametrize("effect", ["ringing", "vibration_burst"])
+def test_evidence_of_waves_is_a_sum_over_a_fine_grid(effect):
+    """A sharp onset between those of a scan costs it many nats."""
+    rng, N, dense = np.random.default_rng(3), 900, 21
+    onset, n, f = 300.4, 100, 0.2893
+
+    def columns(onset, n, f):
+        since = np.arange(N) - onset
+        shape = np.where(since < 0.0, 0.0, np.exp(-3.0 * since / n) * (
+            since < 3.0 * n) if effect == "ringing" else np.sin(
+                np.pi * since / n)**2 * (since < n))
+        return shape * np.exp(2j * np.pi * f * since)
+    size = dict(ringing=4.0, vibration_burst=2.2)[effect]
+    y = rng.standard_normal(N) + size * columns(onset, n, f).real
+    scene = Scene(y, 1.0, {})
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0))
+    solved = filters.solve(h, scene, (), np.array([[1.0]]))
+    family = signatures.Family(CATALOGUE[effect], "")
+    told, likely = scans.family_bayes(scene, family, solved, solved,
+                                      signatures.bayes_table())
+    # all that is within a cell of the scan, or half, of the truth
+    ends = [scans.WAVE_STEP**p for p in (-0.5, 0.5)]
+    axes = (onset + np.linspace(-25.0, 25.0, 6 * dense), np.geomspace(*ends, dense) * n,
+            f + np.linspace(-0.01, 0.01, dense))
+    gain = np.empty([len(axis) for axis in axes])
+    for at in np.ndindex(gain.shape):
+        wave = columns(*(axis[i] for axis, i in zip(axes, at)))
+        X = np.column_stack([wave.real, wave.imag])
+        number = X.T @ y
+        gain[at] = number @ np.linalg.solve(X.T @ X, number)
+    fine = (axes[0][1] - axes[0][0]) * np.log(axes[1][1] / axes[1][0]) * (
+        axes[2][1] - axes[2][0])
+    own = round(float(np.exp(likely.grid.middle[1])))
+    cell = own // scans.WAVE_PARTS * np.log(scans.WAVE_STEP) / next_fast_len(
+        2 * own, real=True)
+    count = sum(len(part.gain) for part in scans._wave_scan(scene, family, solved))
+    exact = np.logaddexp.reduce(signatures.log_bayes(gain.ravel(), 2), axis=None)
+    assert exact + np.log(fine / cell / count) > 20.0
+    # nodes are up to a standard deviation apart
+    assert_allclose(told, exact + np.log(fine / cell / count), atol=0.7)
 
 
 @pytest.mark.parametrize("missing", [slice(0, 80), slice(400, 799), slice(260, 540),

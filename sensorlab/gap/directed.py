@@ -43,10 +43,11 @@ def directed(scene, reference, listed, table=None, grids=None):
     `estimate_signature`.
     """
     table, latest, added = table or bayes_table(), reference, set()
+    grids = {} if grids is None else grids
     scored, asked = [[] for _ in reference.hypotheses], range(1, len(listed) + 1)
     while True:
         for own, new in zip(scored, _scored(scene, reference, latest, listed, asked,
-                                            table)):
+                                            table, grids)):
             own.append(new)
         samples = [_pooled(scene, own, past)
                    for own, past in zip(scored, reference.samples)]
@@ -73,9 +74,10 @@ class _Scored(NamedTuple):
     log_evidence: float           # there
 
 
-def _scored(scene, reference, latest, listed, asked, table):
+def _scored(scene, reference, latest, listed, asked, table, grids):
     """`_Scored` of all hypotheses at nodes of their posteriors in the latest account,
-    with the families of the numbers that are `asked`, from 1.
+    with the families of the numbers that are `asked`, from 1; to `grids` are added
+    those where they are resolved.
     """
     nodes = [_nodes(scene, latest, past) for past in latest.samples]
     most = max(NODE_BLOCK // len(scene.y), LEAST_NODES)
@@ -99,6 +101,9 @@ def _scored(scene, reference, latest, listed, asked, table):
                 ll[:, k] = base + bayes[at, k][0]
             found[number].append(ll)
             likely.update({(number, k): bayes[at, k][1] for k in order})
+    for (_, k), one in likely.items():
+        if one and one.grid:
+            grids.setdefault(k, one.grid)
     known = tuple(k == 0 or k in order for k in range(1 + len(listed)))
     return [_Scored(theta, np.vstack(ll), known, h, latest, past.log_evidence[0])
             for theta, ll, h, past in zip(nodes, found, reference.hypotheses,

@@ -186,6 +186,19 @@ def _resolved_waves(scene, family, one, grid):
     return resolved(scene, family, one, waves, grid, (0.3 * scene.dt, 1e-3, 0.0), 3)
 
 
+def _in_cells(scene, family, one, psi):
+    """`Scan` of waves about one that a scan has found, on a grid that resolves them;
+    each node has its share of a cell of the scan. And that `Grid`.
+    """
+    family, grid = _resolved_waves(scene, family, one, _wave_grid(scene, family, *psi))
+    found = scores_at(scene, family, one)
+    n = max(round(float(np.exp(grid.middle[1])) / scene.dt), 1)
+    cell = max(n // WAVE_PARTS, 1) * np.log(WAVE_STEP) / next_fast_len(2 * n, real=True)
+    share = np.log(grid.apart).sum() - np.log(cell)
+    return Scan(np.maximum(found.gain[0] + 2.0 * share, 0.0), 2, lambda number: (
+        found.psi[number], unnamed(number)), share), grid
+
+
 SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
              waves=_wave_scan)
 FINER = dict(pulse=(span_grid, resolved_span), waves=(_wave_grid, _resolved_waves))
@@ -201,6 +214,7 @@ class Likely(NamedTuple):
     log_share: np.ndarray    # (m,) as in `Scan`
     k: int                   # columns
     rest: float              # ln of the mean Bayes factor over the sum of theirs
+    grid: object = None      # `Grid` where they are resolved
 
     __repr__ = brief
 
@@ -238,21 +252,34 @@ def family_bayes(scene, family, solved, one, table, likely=None):
 def _scanned(scene, family, one, table):
     """`Likely` signatures, their rest not known yet; ln of the sum of their Bayes
     factors as the scan has them, and of sums of those of all others, and how many there
-    are in all.
+    are in all. Waves that are worth more than nothing are resolved.
     """
-    found, beyond, count = [], [], 0
-    for part in SCANS[family.effect.search](scene, family, one):
+    found, beyond, count, grid = [], [], 0, None
+
+    def add(part):
         likely, share = _largest(part.gain, 2 * LIKELY), np.broadcast_to(
             part.log_share, part.gain.shape)
         found.append((part.gain[likely], share[likely], *part.of(likely)))
         beyond.append(_log_sum(np.delete(part.gain, likely)[None], table[part.k]))
+    for part in SCANS[family.effect.search](scene, family, one):
+        add(part)
         count += len(part.gain)
     gain, share, psi, variant = map(np.concatenate, zip(*found))
+    peak = gain - 2.0 * share
+    best = peak.argmax()
+    if family.effect.search == "waves" and mean_bayes(
+            peak[None, best:best + 1], table[part.k]) > np.log(count):
+        part, grid = _in_cells(scene, family, one, psi[best])
+        own, _ = part.of(np.arange(len(part.gain)))
+        away = ((psi < own.min(0)) | (psi > own.max(0))).any(1)
+        found[:] = [tuple(each[away] for each in (gain, share, psi, variant))]
+        add(part)
+        gain, share, psi, variant = map(np.concatenate, zip(*found))
     likely = _largest(gain, 2 * LIKELY if share.any() else LIKELY)
     beyond.append(_log_sum(np.delete(gain, likely)[None], table[part.k]))
     (told,) = _log_sum(gain[None, likely], table[part.k])
-    return Likely(psi[likely], variant[likely], share[likely], part.k, np.nan), told, (
-        np.concatenate(beyond)), count
+    return Likely(psi[likely], variant[likely], share[likely], part.k, np.nan, grid), (
+        told), np.concatenate(beyond), count
 
 
 def _largest(gain, count):
