@@ -495,6 +495,27 @@ def test_codes_of_even_width_are_not_uneven(kind):
             r.found.name for r in readings.readings(Scene(y, DT, {}))]
 
 
+@pytest.mark.parametrize("kind", ["white", "walk", "step"])
+def test_few_codes_of_uneven_width_are_read_if_noise_is_normal(kind):
+    y = noisy(np.random.default_rng(3), kind) / 2.0
+    seen = readings.readings(Scene(0.25 * converted(y), DT, {}))
+    assert [r.found.name for r in seen] == ["quantization", "differential_nonlinearity"]
+    value, width = np.transpose(seen[1].found.values["codes"])
+    full = np.abs(4.0 * value) < 3.0
+    true = np.array(WIDTHS)[(np.round(4.0 * value[full]).astype(int) + 40) % 4]
+    assert_allclose(4.0 * width[full], true, atol=0.35)
+
+
+@pytest.mark.parametrize("kind", [
+    "white", "walk", "step", "line", "outliers", "bursts", "laplace", "quiet"])
+@pytest.mark.parametrize("codes", [0.7, 1.0, 1.5])
+def test_few_codes_of_even_width_are_not_uneven(kind, codes):
+    for seed in range(5):
+        y = noisy(np.random.default_rng(seed), kind) * codes / 3.0
+        for record in (y, lfilter(*butter(2, 0.3), y)):
+            assert not readings._codes(np.round(record), 1.0)[0]
+
+
 def test_a_converter_is_simulated_as_it_was_read():
     y = noisy(np.random.default_rng(4), "walk")
     codes = [[k - 40.0, WIDTHS[k % 4]] for k in range(80)]

@@ -5,12 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import next_fast_len
 from scipy.interpolate import BSpline
-from scipy.optimize import minimize
+from scipy.optimize import minimize, nnls
 from scipy.special import erf, gammaln, log_ndtr, logsumexp, ndtr, ndtri, xlogy
 
 from sensorid import brief
 from sensorlab.gap.catalogue import (
-    CALM, CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between,
+    CALM, CALMEST, CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between,
     noise_where_calm, repeated_at_random)
 from sensorlab.gap.clipping import unclipped
 from sensorlab.gap.effects import Found
@@ -289,11 +289,9 @@ def _ends_abruptly(apart, lsb):
     on it and none beyond has at most the probability (1 + r)^-n, whatever was to be
     expected there.
     """
-    rows = np.lib.stride_tricks.sliding_window_view(apart[:TELLING], PREDICTED_BY + 1)
-    if len(rows) < 4 * PREDICTED_BY:
+    left = _unpredicted(apart[:TELLING])
+    if left is None:
         return False
-    before = np.column_stack([np.ones(len(rows)), rows[:, :-1]])
-    left = rows[:, -1] - before @ np.linalg.lstsq(before, rows[:, -1])[0]
     noise = less_rounding(np.std(left), lsb)
     on = apart < 0.5 * lsb
     count = on[0] + np.sum(on[1:] & ~on[:-1])    # what is slow rests there
@@ -302,6 +300,17 @@ def _ends_abruptly(apart, lsb):
     x = lsb / noise * (np.arange(1, int(SPAN * noise / lsb) + 2) + 0.5)
     above = -ndtri(0.5 * count / len(apart))
     return count * np.log1p(np.exp(-above * x - 0.5 * x**2).sum()) > ABRUPT
+
+
+def _unpredicted(y):
+    """What those PREDICTED_BY before do not foretell of samples, by least squares; None
+    if there are too few of them.
+    """
+    rows = np.lib.stride_tricks.sliding_window_view(y, min(PREDICTED_BY + 1, len(y)))
+    if len(rows) < 4 * PREDICTED_BY:
+        return None
+    before = np.column_stack([np.ones(len(rows)), rows[:, :-1]])
+    return rows[:, -1] - before @ np.linalg.lstsq(before, rows[:, -1])[0]
 
 
 APART = 5.0    # standard deviations of the noise: what is farther out was never clipped
@@ -535,6 +544,7 @@ def _tie_by_chance(start, length, samples):
 
 
 MOST_CODES = 1000    # about the median, that are looked at
+FEW_CODES = 100      # if noise is over few of them
 FAR = 0.001          # of the samples, at either end, that are not
 UNEVEN = np.geomspace(1.0, 100.0, 17)    # 1 / variance of widths, in lsb^2
 
@@ -546,17 +556,21 @@ def _codes(y, lsb):
     A code is met the more often the wider it is (J. Doernberg, H.-S. Lee, D. A. Hodges,
     "Full-speed testing of A/D converters", IEEE J. Solid-State Circuits 19, 1984), and
     noise over several codes makes the law of the values smooth, whatever else is in
-    them: counts are Poisson about it, or about it times widths of a gamma law.
+    them: counts are Poisson about it, or about it times widths of a gamma law. Noise
+    over few codes must be nearly normal for that.
     """
     y = y[~np.isnan(y)]
-    if noise_where_calm(y) < SMOOTH_OVER * lsb:
-        return [], 0.0
+    smooth_over, noise = noise_where_calm(y) >= SMOOTH_OVER * lsb, 0.0
+    if not smooth_over:
+        noise = _least_noise(y, lsb) / lsb
+        if noise < 1.0 / NOISY:
+            return [], 0.0
     first, middle, last = np.quantile(y, [FAR, 0.5, 1.0 - FAR], method="nearest")
-    reach = lsb * (MOST_CODES // 2)
+    reach = lsb * ((MOST_CODES if smooth_over else FEW_CODES) // 2)
     near = y[(y >= max(first, middle - reach)) & (y <= min(last, middle + reach))]
     first = near.min()
     count = np.bincount(np.round((near - first) / lsb).astype(int))
-    smooth = _smooth_law(count)
+    smooth = _smooth_law(count) if smooth_over else _mixed_law(count, noise)
     scale = UNEVEN[:, None]
     gain = (gammaln(scale + count) - gammaln(scale) + scale * np.log(scale)
             - (scale + count) * np.log(scale + smooth) + smooth).sum(1)
@@ -573,6 +587,44 @@ def _codes(y, lsb):
                             lsb * np.diff(ends)]).tolist(), float(log_bayes)
 
 
+NORMAL = 0.8    # of the standard deviation of the noise, at least, that is normal
+
+
+def _least_noise(y, lsb):
+    """Standard deviation of a normal noise that every sample has at least, whatever was
+    before: in the calmest parts, of what cannot be foretold and of what is new.
+    """
+    left = _unpredicted(y[:TELLING])
+    if left is None:
+        return 0.0
+    size = np.abs(left[:len(left) // CALM * CALM]).reshape(-1, CALM).mean(1)
+    noise = min(np.sqrt(0.5 * np.pi) * np.quantile(size, CALMEST), noise_where_calm(y))
+    return NORMAL * less_rounding(noise, lsb)
+
+
+REWEIGHTED = 30    # times, until the most likely law is found
+TILTED = 4         # powers of the value in the logarithm of what makes a law another
+
+
+def _mixed_law(count, noise):
+    """Expected counts (n,) of codes under the most likely law that a normal noise of so
+    many codes allows: any mixture of such (N. Laird, "Nonparametric maximum likelihood
+    estimation of a mixing distribution", J. Am. Stat. Assoc. 73, 1978), tilted, as a
+    noise may be a little skewed, or have tails.
+    """
+    n = len(count)
+    middle = np.arange(-2.0 * noise, n - 1.0 + 2.5 * noise, 0.5 * noise)
+    ends = (np.arange(n + 1)[:, None] - 0.5 - middle) / noise
+    share, law = np.diff(ndtr(ends), axis=0), np.maximum(count, 1.0)
+    for _ in range(REWEIGHTED):    # least squares in the variances of Poisson counts
+        weight = nnls(share / np.sqrt(law)[:, None], count / np.sqrt(law))[0]
+        law, last = np.maximum(share @ weight, 0.01), law
+        if np.abs(law - last).max() < 0.01 * np.sqrt(law.max()):
+            break
+    return _fitted(count, np.polynomial.legendre.legvander(
+        np.linspace(-1.0, 1.0, n), TILTED), np.zeros(TILTED + 1), law)
+
+
 def _smooth_law(count):
     """Expected counts (n,) of codes under a law whose logarithm is a cubic spline with
     knots SMOOTH_OVER codes apart.
@@ -581,13 +633,19 @@ def _smooth_law(count):
     knots = np.linspace(-0.5, n - 0.5, 2 + int(n / SMOOTH_OVER))
     basis = BSpline.design_matrix(np.arange(float(n)), np.pad(knots, 3, mode="edge"),
                                   3).toarray()
-    at = np.linalg.lstsq(basis, np.log(count + 0.5), rcond=None)[0]
+    return _fitted(count, basis, np.linalg.lstsq(basis, np.log(count + 0.5))[0])
+
+
+def _fitted(count, basis, at, law=1.0):
+    """The most likely law (n,) of Poisson counts that is another, in its logarithm, by
+    a sum of a basis (n, k), whose coefficients are near `at`.
+    """
     for _ in range(NEWTON_STEPS):
-        law = np.exp(basis @ at)
-        slope = basis.T @ (count - law) - FLAT * at
-        at += np.linalg.solve(basis.T @ (law[:, None] * basis)
+        own = law * np.exp(basis @ at)
+        slope = basis.T @ (count - own) - FLAT * at
+        at += np.linalg.solve(basis.T @ (own[:, None] * basis)
                               + FLAT * np.eye(len(at)), slope)
-    return np.exp(basis @ at)
+    return law * np.exp(basis @ at)
 
 
 NEWTON_STEPS = 20
