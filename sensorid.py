@@ -130,7 +130,20 @@ def as_samples(y):
     """Values as an array of floats, NaN where they are masked."""
     if np.ma.isMaskedArray(y):
         y = y.astype(float).filled(np.nan)
+    if np.asarray(y).dtype.kind not in "biuf":
+        try:
+            return np.asarray(np.asarray(y).tolist(), float)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"the record holds what is no real number ({error}): "
+                             "numbers are needed, NaN where one is missing") from None
     return np.asarray(y, float)
+
+
+def check_whole(value, what, least=0):
+    """Refuse what is not a whole number, or several, from some number on."""
+    whole = np.asarray(value)
+    if whole.dtype.kind not in "iu" or (whole < least).any():
+        raise ValueError(f"{what} {value}: whole numbers >= {least} are needed")
 
 
 MIN_SAMPLES = 16    # fewer say nothing of any correlated process
@@ -449,6 +462,9 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
                              f"known are {', '.join(MODELS)}")
         model = MODELS[model]
     name = name or model.__name__
+    if not isinstance(name, str):
+        raise ValueError(f"the name of a hypothesis is {name!r}: a text is needed, and "
+                         "bias_sigma=, prior= and parameters by their names")
     signature = list(inspect.signature(model).parameters.values())[1:]
     known = [p.name for p in signature]
     missing = [p.name for p in signature
@@ -469,6 +485,9 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
                    for s in known if s in parameters)
     h = Hypothesis(name, model, priors, float(bias_sigma), bias_given)
     at_most = h.filter(1.0, [p.high for p in priors])
+    if not isinstance(at_most, ShapingFilter):
+        raise ValueError(f"the model of {name} returns {type(at_most).__name__}: it is "
+                         "to return what shaping_filter(Phi, Gamma, H, ...) makes")
     if not (at_most.Gamma.any() or at_most.Psi.any() or at_most.P0.any()):
         raise ValueError(f"all noises of {name} are zero: "
                          "give at least one sigma_* > 0")
@@ -810,9 +829,10 @@ def grid(h, dt, nodes, box=None):
     >>> g.coordinate.shape[1], float(np.exp(g.coordinate).max().round(3))
     (1, 0.6)
     """
+    check_interval(dt)
     prior = prior_box(h, dt)
     box = prior if box is None else box
-    nodes = np.broadcast_to(nodes, len(prior.low))
+    nodes = _nodes_of(h, nodes, len(prior.low), 1)
     z, log_prior, step = np.zeros((1, 0)), np.zeros(1), np.zeros((1, 0))
     for axis, n in enumerate(nodes):
         shift = z @ box.slope[axis, :axis]
@@ -825,6 +845,15 @@ def grid(h, dt, nodes, box=None):
         z = np.column_stack([np.repeat(z[keep], n, axis=0), new.ravel()])
         step = np.repeat(np.column_stack([step[keep], width]), n, axis=0)
     return _grid_of(h, dt, z, log_prior, step)[0]
+
+
+def _nodes_of(h, nodes, axes, least):
+    """Numbers of nodes (d,) along so many axes of a hypothesis."""
+    check_whole(nodes, "numbers of nodes", least)
+    if np.shape(nodes) not in ((), (axes,)):
+        raise ValueError(f"nodes along {np.size(nodes)} axes: a grid of {h.name} has "
+                         f"{axes} here, give a number for each, or one for all")
+    return np.broadcast_to(nodes, axes)
 
 
 def _grid_of(h, dt, z, log_weight, step):
@@ -869,9 +898,10 @@ def uniform_grid(h, dt, nodes):
     Takes and returns what `grid` does, with at least two nodes along each axis, one for
     every free parameter; nothing is integrated in closed form.
     """
+    check_interval(dt)
     free = free_columns(h.parameters)
     axes = [np.linspace(h.parameters[c].low, h.parameters[c].high, max(n, 2))
-            for c, n in zip(free, np.broadcast_to(nodes, len(free)))]
+            for c, n in zip(free, _nodes_of(h, nodes, len(free), 1))]
     z = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(free))
     theta = np.array([p.high for p in h.parameters]) * np.ones((len(z), 1))
     theta[:, free] = z
@@ -2163,6 +2193,10 @@ def posteriors(g, y, stops, coordinates=False):
     if coordinates:
         feature, exponent = _features(g)
     h, y = g.hypothesis, as_samples(y)
+    if y.ndim != 2:
+        raise ValueError(f"records of shape {y.shape}: (C, N) is needed, one is y[None]"
+                         )
+    check_whole(stops, "stops", 1)
     offset = np.nanmean(y, 1)    # leaves the sums of a large bias their digits
     for sums in filter_bank(bank(h, g.dt, g.theta), y - offset[:, None], stops):
         yield _posteriors(sums.count, np.ascontiguousarray(sums.chi2),
@@ -2829,6 +2863,9 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     0.0
     """
     algorithms = algorithms or {}
+    if not hasattr(algorithms, "values"):
+        raise ValueError(f"algorithms are {algorithms!r}: a dict of functions is needed"
+                         ", by their names")
     samples = check_trials(hypotheses, dt, duration, trials)
     if times is not None:
         stops = np.unique(np.round(np.asarray(times) / dt).astype(int))
@@ -2854,8 +2891,8 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
                              "needed: make each by grid(h, dt, nodes)")
     if algorithms:    # refuse what they cannot do before the work
         short = simulate(truths or hypotheses, dt, int(stops[0]), 1, seed).error[0]
-        for algorithm in algorithms.values():
-            algorithm(short, dt, tuple(hypotheses))
+        for name, algorithm in algorithms.items():
+            _check_answer(name, algorithm(short, dt, tuple(hypotheses)), hypotheses)
     reached = tuple(np.full(g.coordinate.shape[1], np.nan) for g in grids or ())
     if grids is None:
         grids, reached = zip(*(criteria_grid(h, dt, samples, seed) for h in hypotheses))
@@ -2864,11 +2901,26 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     return _criteria(hypotheses, grids, reached, dt * stops, algorithms, chunk)
 
 
+def _check_answer(name, answer, hypotheses):
+    """Refuse what an algorithm of somebody's own may not return."""
+    try:
+        choice, estimates = answer
+        right = choice in range(len(hypotheses)) and [len(e) for e in estimates] == [
+            len(h.parameters) for h in hypotheses]
+    except (TypeError, ValueError):
+        right = False
+    if not right:
+        raise ValueError(f"the algorithm {name} returns {answer!r}: the number of the "
+                         "hypothesis that it chooses is needed, and its estimates, an "
+                         "array (p,) for each hypothesis")
+
+
 def check_trials(hypotheses, dt, duration, trials):
     """Number of samples of a trial, if all numbers make sense."""
     if not (np.isfinite(dt) and dt > 0 and np.isfinite(duration) and duration >= dt):
         raise ValueError(f"dt = {dt:g} s, duration = {duration:g} s: "
                          "0 < dt <= duration is needed")
+    check_whole(trials, "numbers of trials")
     if trials < 8 * len(hypotheses):
         raise ValueError(f"{trials} trials of {len(hypotheses)} hypotheses: "
                          f"a criterion needs at least {8 * len(hypotheses)}")

@@ -15,9 +15,9 @@ from scipy.optimize import least_squares, minimize
 from scipy.special import gammaincinv, ndtri
 
 from sensorid import (
-    JIT, Parameter, allan_deviation, at_quantiles, bank, filter_bank, free_columns,
-    log_likelihood, markov, model_allan_variance, modes, random_walk, simulate,
-    white_noise)
+    JIT, Parameter, allan_deviation, at_quantiles, bank, check_whole, filter_bank,
+    free_columns, log_likelihood, markov, model_allan_variance, modes, random_walk,
+    simulate, white_noise)
 from sensorlab.gap.kernels import spectrum
 
 
@@ -238,6 +238,9 @@ def _coarse(h):
                                            repeat=len(free_columns(h.parameters)))))
 
 
+FEWEST_TRIALS = 100    # of an expectation whose inverse is a bound: of fewer it is wide
+
+
 def estimation_bound(h, dt, times, trials=2000, seed=0):
     """Bayesian Cramer-Rao bound: what no estimator's RSD, Eq. (20), can fall below.
 
@@ -273,6 +276,7 @@ def estimation_bound(h, dt, times, trials=2000, seed=0):
     if any(p.free and p.log for p in h.parameters):
         raise ValueError(f"{h.name} has a log-uniform prior: "
                          "the bound is of uniform ones")
+    check_whole(trials, "numbers of trials", FEWEST_TRIALS)
     stops = np.round(np.asarray(times) / dt).astype(int)
     free = [p for p in h.parameters if p.free]
     if not free:

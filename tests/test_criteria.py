@@ -119,6 +119,11 @@ def test_an_interrupted_run_is_taken_up_with_the_same_bits(tmp_path):
 @pytest.mark.parametrize("change, message", [
     (dict(dt=0.0), "0 < dt <= duration"), (dict(duration=0.5), "0 < dt <= duration"),
     (dict(trials=15), "15 trials of 2 hypotheses: a criterion needs at least 16"),
+    (dict(trials=20.5), "numbers of trials 20.5: whole numbers"),
+    (dict(algorithms=[max]), "a dict of functions is needed"),
+    (dict(algorithms=dict(mine=lambda *record: None)), "algorithm mine returns None"),
+    (dict(algorithms=dict(mine=lambda *record: (2, [[0.1], [1.0, 1.0]]))),
+     "the number of the hypothesis that it chooses"),
     (dict(times=[500.0]), "do not lie within"),
     (dict(truths=paper_case(2)[:1]), "1 truths of 2 hypotheses: one for each"),
     (dict(grids=[None]), "1 grids of 2 hypotheses: one for each"),

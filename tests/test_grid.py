@@ -50,3 +50,26 @@ def test_a_ramp_weighs_nodes_so_that_linear_functions_are_integrated():
         w *= np.array([s._ramp.py_func(x) for x in 40.6 - z])
         assert_allclose(w @ (2.0 + 3.0 * z),
                         2 * (40.6 - edge) + 1.5 * (40.6**2 - edge**2), rtol=1e-12)
+
+
+@pytest.mark.parametrize("make", [s.grid, s.uniform_grid])
+@pytest.mark.parametrize("dt, nodes, message", [
+    (1.0, 0, "numbers of nodes 0: whole numbers >= 1"), (1.0, [9, -3], ">= 1"),
+    (1.0, 2.5, "whole numbers"), (1.0, [5, 5, 5, 5], "nodes along 4 axes"),
+    (0.0, 5, "the sampling interval is 0.0 s")])
+def test_what_is_no_grid_is_refused(make, dt, nodes, message):
+    h = s.hypothesis("markov", tau_m=(60.0, 1500.0), sigma_m=(0.5, 1.5),
+                            sigma_v=(0.25, 1.0))
+    with pytest.raises(ValueError, match=message):
+        make(h, dt, nodes)
+
+
+@pytest.mark.parametrize("y, stops, message", [
+    (np.ones(50), [50], r"records of shape \(50,\): \(C, N\) is needed"),
+    (np.ones((1, 50)), [10.5], "stops .* whole numbers"),
+    (np.full((1, 50), 1j), [50], "no real number"),
+    ([["a"] * 50], [50], "no real number")])
+def test_what_is_no_record_of_a_grid_is_refused(y, stops, message):
+    g = s.grid(s.hypothesis("random_walk", sigma_w=(0.1, 1.0)), 1.0, 5)
+    with pytest.raises(ValueError, match=message):
+        next(s.posteriors(g, y, stops))

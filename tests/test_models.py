@@ -95,6 +95,8 @@ def test_ready_hypotheses_simulate_and_identify_themselves():
     (("random_walk", dict(sigma_w=1.0, bias_sigma=-1.0)), "bias_sigma = -1.0"),
     (("random_walk", dict(sigma_w=0.0)), "all noises of random_walk are zero"),
     (("rate_ramp", dict(slope=(0.0, 1.0))), "all noises of rate_ramp are zero"),
+    (("random_walk", dict(name=1.0, sigma_w=1.0)), "name of a hypothesis is 1.0"),
+    ((lambda dt, a: a * dt, dict(a=1.0)), "returns float: it is to return"),
 ])
 def test_a_wrong_hypothesis_is_refused(arguments, message):
     name, parameters = arguments
