@@ -82,6 +82,7 @@ def test_functions_of_libraries_and_classes_of_a_user_have_a_key(tmp_path):
     assert [a == b for a, b in zip(one, three)] == [True, False, False, True, True]
 
 
+@pytest.mark.large
 def test_kept_trials_of_other_algorithms_are_found_again(tmp_path):
     code = """
         from sensorlab import ALGORITHMS

@@ -131,8 +131,8 @@ def test_a_scale_factor_that_depends_on_temperature_is_unknown():
     assert d.after.p_place["covariate"] < 1e-4
 
 
-@pytest.mark.parametrize("dwell, sigma", [
-    (300.0, 4.0), pytest.param(60.0, 3.0, marks=pytest.mark.large)])
+@pytest.mark.large
+@pytest.mark.parametrize("dwell, sigma", [(300.0, 4.0), (60.0, 3.0)])
 def test_a_level_that_steps_at_random_is_named(dwell, sigma):
     record, rng = generator.record(640, 4), np.random.default_rng(6)
     sigma *= record["parameters"]["sigma_v"]
@@ -145,8 +145,9 @@ def test_a_level_that_steps_at_random_is_named(dwell, sigma):
         assert abs(mean - truth) < 3.0 * sd, name
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("quiet, duration, sigma", [
-    (400.0, 60.0, 1.6), pytest.param(300.0, 20.0, 3.0, marks=pytest.mark.large)])
+    (400.0, 60.0, 1.6), (300.0, 20.0, 3.0)])
 def test_bursts_of_noise_are_named(quiet, duration, sigma):
     record, rng = generator.record(640, 3), np.random.default_rng(5)
     loud = np.repeat([False, True] * 40, np.column_stack([
@@ -165,6 +166,7 @@ def test_bursts_of_noise_are_named(quiet, duration, sigma):
                                          "noise_bursts+bias_step")
 
 
+@pytest.mark.large
 def test_noise_that_is_quiet_at_times_comes_in_bursts():
     record, rng = generator.record(640, 3), np.random.default_rng(5)
     loud = np.arange(generator.N) % 700 > 60
@@ -190,6 +192,7 @@ def test_what_drifts_returns_or_lags_is_named(effect):
         assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
 
 
+@pytest.mark.large
 def test_noise_of_another_law_is_no_wrong_parameter():
     # of the variance that the simulator has, to a fiftieth
     y = np.random.default_rng(1).laplace(scale=0.5**0.5, size=3000)
@@ -699,7 +702,8 @@ def test_no_verdict_hangs_on_the_unit(unit):
         assert_allclose(probable(unit), probable(1.0), atol=0.01)
 
 
-@pytest.mark.parametrize("offset", [1e5, -1e9])
+@pytest.mark.parametrize("offset", [pytest.param(
+    1e5, marks=pytest.mark.large), -1e9])
 def test_no_verdict_hangs_on_a_large_offset(offset):
     y = np.random.default_rng(3).normal(size=600) + 4.0 * (np.arange(600) > 250)
     near, far = (sensorlab.diagnose(y + b, DT, WHITE) for b in (0.0, offset))

@@ -197,7 +197,8 @@ def held_at_random(y, share, rng):
 
 
 @pytest.mark.parametrize("share, lsb", [
-    (0.02, 0.0), (0.3, 0.0), (0.1, 0.06), (0.1, 0.15), (0.25, 0.2)])
+    (0.02, 0.0), (0.3, 0.0), (0.1, 0.06), (0.1, 0.15),
+    pytest.param(0.25, 0.2, marks=pytest.mark.large)])
 def test_samples_that_repeat_at_random_are_read(share, lsb):
     rng = np.random.default_rng(7)
     y = 0.5 * rng.standard_normal(4000) + np.cumsum(0.05 * rng.standard_normal(4000))

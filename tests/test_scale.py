@@ -27,6 +27,7 @@ def serial():
     return s.criteria(paper_case(3), **RUN)
 
 
+@pytest.mark.large
 def test_a_pool_of_processes_gives_the_same_bits(serial):
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         same(serial, s.criteria(paper_case(3), **RUN, executor=pool))

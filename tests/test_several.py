@@ -101,6 +101,7 @@ def test_what_is_wrong_with_all_is_said_once(imu, capsys):
     assert error.count("\n") == 1 and "neither an angular rate" in error
 
 
+@pytest.mark.large
 def test_finished_records_are_found_again(imu):
     records = sensorlab.read_axes("imu.csv", "gx,gy")
     first = sensorlab.identify_many(records, checkpoint="kept")
@@ -148,6 +149,7 @@ def test_workers_share_the_cores(monkeypatch):
         assert none is None
 
 
+@pytest.mark.large
 def test_a_broken_pool_costs_nothing(imu):
     records = sensorlab.read_axes("imu.csv", "gx,gy")
     with ProcessPoolExecutor(1, pool.multiprocessing.get_context("spawn"),
