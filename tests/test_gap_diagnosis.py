@@ -518,6 +518,21 @@ def test_a_low_pass_is_seen_beside_a_walk(sigma_w, passes):
     assert abs(mean - tau) < 3.0 * sd
 
 
+@pytest.mark.parametrize("passes, form", [
+    (True, "digital first order"), pytest.param(
+        False, "digital first order white noise", marks=pytest.mark.large)])
+def test_a_walk_is_found_before_a_low_pass_and_behind_it(passes, form):
+    w, walk = np.random.default_rng(1).standard_normal((2, 2600))
+    walk = 0.01 * np.cumsum(walk)
+    b, a = signal.butter(1, 0.4)
+    y = signal.lfilter(b, a, w + passes * walk)[600:] + (not passes) * walk[600:]
+    d = sensorlab.diagnose(y, 1.0, WHITE)
+    assert d.verdict == "bandwidth+random_walk"
+    assert d.found[0].variant == form
+    mean, sd = d.found[1].values["sigma_w"]
+    assert abs(mean - 0.01) < 3.0 * sd
+
+
 def test_what_joins_an_account_makes_a_form_that_uneven_noise_can_have():
     y = np.random.default_rng(0).standard_normal(400)
     scene = Scene(y, 1.0, {})

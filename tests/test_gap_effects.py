@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
-from sensorlab.gap import filters
+from sensorlab.gap import effects, filters
 from sensorlab.gap.account import fixed
 from sensorlab.gap.catalogue import ZERO, flicker_processes
 from sensorlab.gap.effects import signature_of
@@ -99,6 +99,27 @@ def test_all_processes_pass_a_digital_low_pass(model, theta, order, variant, tau
         assert_allclose(log_likelihood, expected, atol=0.02)
     drawn = h.filter(1.0, theta[0])
     assert np.linalg.eigvalsh(np.squeeze(drawn.P0))[0] > -1e-12
+
+
+def test_what_is_found_after_a_low_pass_passes_it_unless_it_is_of_white_noise():
+    scene = Scene(np.random.default_rng(2).standard_normal(300), 1.0, {})
+    white = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0))
+    walk, own = CATALOGUE["random_walk"], Simulator(
+        (white.hypothesis,), ((Found(CATALOGUE["bandwidth"], variant="digital",
+                                     values=dict(tau=2.0)),),))
+    found = white.with_effect(CATALOGUE["bandwidth"], "digital")
+    first = white.with_effect(walk).with_effect(CATALOGUE["bandwidth"], "digital")
+
+    def told(h):
+        at = dict(tau=2.0, sigma_w=0.1, sigma_v=1.0)
+        theta = np.array([[at[symbol] for _, symbol in h.keys]])
+        return filters.log_likelihoods(h, scene, (), theta)[0]
+    assert told(found.with_effect(walk)) == pytest.approx(told(first))
+    behind = found.behind_low_passes(white).with_effect(walk)
+    assert behind.effects[0].variant == "digital white noise"
+    assert abs(told(behind) - told(first)) > 1.0
+    (given,) = effects.members(own, scene)    # that of the simulator stays as it is
+    assert given.behind_low_passes(given).effects == given.effects
 
 
 @pytest.mark.parametrize("name, variant", [

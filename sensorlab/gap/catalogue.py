@@ -904,6 +904,7 @@ CATALOGUE = {effect.name: effect for effect in (
     Effect("bandwidth", model=_bandwidth, elementwise=True, search="spectrum",
            variants=("first order", "second order", "digital", "digital first order",
                      "digital white noise", "digital first order white noise"),
+           of_all=("digital", "digital first order"),
            uneven=(("digital", "second order"), ("digital first order", "first order"),
                    ("digital white noise", "second order"),
                    ("digital first order white noise", "first order")),

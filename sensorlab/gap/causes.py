@@ -268,7 +268,8 @@ class _Inside(_Where):
         if effect.name not in self._known:
             scene, start = self.start(effect)
             every = _different((variant, [h.with_effect(effect, variant)
-                                          for h in start.hypotheses])
+                                          for h in after])
+                               for after in _after_low_passes(effect, start)
                                for variant in effect.variants or ("",))
             self._known[effect.name] = [(variant, *self._told(
                 effect, scene, start, richer)) for variant, richer in every]
@@ -305,6 +306,16 @@ class _Inside(_Where):
                                  values=_values(new.member.effects[-1], new),
                                  variant=variant))
         return result
+
+
+def _after_low_passes(effect, acc):
+    """Lists of hypotheses of an account to which a process may be added: it passes a
+    low-pass that all passes, or one that was found is of the white noise alone and the
+    process is behind it.
+    """
+    yield acc.hypotheses
+    if effect.model and not effect.jumps and not effect.reading:
+        yield [h.behind_low_passes(base) for h, base in zip(acc.hypotheses, acc.bases)]
 
 
 def _different(forms):
@@ -669,8 +680,10 @@ def estimated_together(full, acc, path):
             values = {} if _held_by(acc.signatures, one) else dict(
                 factor=_factor(_wrong_key(one), acc.bases, acc))
         else:
-            values = {} if one.effect.reading else _values(
-                _inside(acc, path.found, number), acc)
+            values = {}
+            if not one.effect.reading:
+                own = _inside(acc, path.found, number)
+                one, values = one._replace(variant=own.variant), _values(own, acc)
         result.append(one._replace(values={**one.values, **values}))
     return path._replace(found=tuple(result))
 

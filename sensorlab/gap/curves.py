@@ -121,14 +121,16 @@ def _slow_processes(d):
     w = solve(h, masked, d.final.signatures, theta).residual[0]
     first = sum(not one.effect.jumps for one in d.base.member.effects)
     a, q, p0 = (part[0] for part in processes(h, masked, theta)[:3])
-    ends = []    # numbers of the processes with ever more effects
-    for count in range(first, len(h.effects) + 1):
-        less = h._replace(effects=h.effects[:count])
+    ends, in_turn = [], h.in_turn    # numbers of the processes with ever more effects
+    for count in range(len(in_turn) + 1):
+        less = h._replace(effects=tuple(in_turn[:count]))
         ends.append(processes(less, masked, h.matching(less, theta[0])[None]).a.shape[1]
                     )
+    added = [one.key for one in h.effects[first:]]
     return [(_own_name(one), _times_covariance(w, a[k], q[k], p0[k]))
-            for one, low, high in zip(h.effects[first:], ends[:-1], ends[1:])
-            for k in range(low, high) if a[k].real > np.exp(-1.0 / SLOW)]
+            for one, low, high in zip(in_turn, ends[:-1], ends[1:])
+            for k in range(low, high) if one.key in added
+            and a[k].real > np.exp(-1.0 / SLOW)]
 
 
 def _own_name(one):

@@ -96,6 +96,8 @@ class Effect(NamedTuple):
     model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
                                 # takes the variant, where there are variants
     variants: tuple = ()        # forms of a model; "" is the first
+    of_all: tuple = ()          # those that act on all processes, found before or
+                                # since; "... white noise" are not
     uneven: tuple = ()          # pairs of a form and of that which stands in for it
                                 # where a noise changes
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
@@ -232,19 +234,26 @@ class Member(NamedTuple):
         theta = iter(self.in_units(np.transpose(theta)).T)
         filt = self.hypothesis.filter(dt, [next(theta) for _ in
                                            self.hypothesis.parameters])
-        values, stages = [{symbol: next(theta) for symbol in one.values}
-                          for one in self.effects], [filt]
-        # what drives states comes first, then the state that jumps move; what alters
-        # the values after all that makes them: a low-pass of the sensor does not smooth
-        # rounding
-        for one, own in sorted(zip(self.effects, values), key=lambda pair: (
-                not pair[0].effect.drive, not pair[0].effect.jumps,
-                pair[0].effect.comes_last or bool(pair[0].effect.reading))):
+        values = {one.key: {symbol: next(theta) for symbol in one.values}
+                  for one in self.effects}
+        stages = [filt]
+        for one in self.in_turn:
             if one.effect.model:
                 form = dict(variant=one.variant) if one.effect.variants else {}
-                filt = one.effect.model(self.scene, filt, **form, **own)
+                filt = one.effect.model(self.scene, filt, **form, **values[one.key])
                 stages.append(filt)
         return stages
+
+    @property
+    def in_turn(self):
+        """Its effects in the order in which they act: what drives states comes first,
+        then the state that jumps move; a low-pass that all passes after all processes;
+        what alters the values after all that makes them: it does not smooth rounding.
+        """
+        return sorted(self.effects, key=lambda one: (
+            not one.effect.drive, not one.effect.jumps,
+            one.effect.comes_last or bool(one.effect.reading),
+            one.variant in one.effect.of_all))
 
     @property
     def at_mean(self):
@@ -375,6 +384,16 @@ class Member(NamedTuple):
         return self._replace(effects=_with_even_forms(
             one._replace(variant=form) if one.key == key and one.effect.variants
             else one for one in self.effects))
+
+    def behind_low_passes(self, base):
+        """The same with what acts on all processes, but for what the base has itself,
+        acting on the white noise alone.
+        """
+        known = [one.key for one in base.effects]
+        return self._replace(effects=tuple(
+            one._replace(variant=f"{one.variant} white noise")
+            if one.variant in one.effect.of_all and one.key not in known else one
+            for one in self.effects))
 
     def matching(self, other, theta):
         """Parameters (p,) of another member that are those of this one at theta, or
