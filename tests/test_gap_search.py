@@ -18,9 +18,9 @@ def account(log_evidence):
     return types.SimpleNamespace(readings=(), log_evidence=log_evidence)
 
 
-def exchanged(monkeypatch, **beside_the_step):
+def exchanged(monkeypatch, settled=1, **beside_the_step):
     """Of temperature+bias_step, found with 0.8 (0.1 with one more), if these are the
-    probabilities of what stands beside the step.
+    probabilities of what stands beside the step, or in its place if it is not settled.
     """
     best = account(105.0)
     look = Further(tuple(sorted((
@@ -37,8 +37,8 @@ def exchanged(monkeypatch, **beside_the_step):
     monkeypatch.setattr(search, "_without_needless", lambda full, acc, path, leaves,
                         prior: (acc, {}, path, leaves))
     old = account(100.0)
-    return search._exchanged(scene, old, path, leaves, {0: account(90.0)}, (),
-                             None), old, best
+    return search._exchanged(scene, old, path, leaves, {0: account(90.0), 1: account(
+        95.0)}, (), None, settled), old, best
 
 
 def test_what_explains_more_beside_the_others_takes_its_place(monkeypatch):
@@ -51,6 +51,12 @@ def test_what_explains_more_beside_the_others_takes_its_place(monkeypatch):
     assert chance == pytest.approx({    # what went on from the old set has the rest
         "temperature+bias_step": 0.2, "temperature+bias_step+pulse": 0.025,
         "bias_step": 0.1})
+
+
+def test_the_last_of_a_pair_may_be_exchanged_too(monkeypatch):
+    (better, _, path, _), _, best = exchanged(
+        monkeypatch, 0, rate_ramp=0.6, bias_step=0.2, none=0.2)
+    assert better is best and path.effects == ("temperature", "rate_ramp")
 
 
 def test_what_may_as_well_stand_there_counts_with_its_odds(monkeypatch):

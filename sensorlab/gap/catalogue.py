@@ -910,7 +910,8 @@ CATALOGUE = {effect.name: effect for effect in (
                    ("digital first order white noise", "first order")),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
            equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
-                    "+ sqrt(2) tau dV/dt = v - V; a digital one (of second order, or "
+                    "+ sqrt(2) tau dV/dt = v - V, sampled, with the density that v has "
+                    "at rest; a digital one (of second order, or "
                     "first), the bilinear transform of either that keeps the cut-off "
                     "1 / (2 pi tau), has random walks and Markov processes pass it, "
                     "too, or the white noise alone, if no noise changes; tau in s",
@@ -1004,4 +1005,4 @@ FAMILIES = (    # effects that a record may show to be one of them, but not whic
     ("temperature", "thermal_lag"), ("bias_step", "pulse", "gradual_step"),
     ("sinusoid", "narrow_band_noise"), ("ringing", "vibration_burst"),
     ("rate_ramp", "second_order_drift", "turn_on_transient"),
-    ("correlated_noise", "bias_instability", "random_telegraph"))
+    ("random_walk", "correlated_noise", "bias_instability", "random_telegraph"))

@@ -54,7 +54,7 @@ def search(full, start, readings, effects, before, glanced, twins=None):
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
-    noises, doubtful, exchanges, left = 0, 0, 0, 0.0
+    noises, doubtful, exchanges, left, settled = 0, 0, 0, 0.0, 1
     leaves, after, lesser = {}, before, {}
     if path.found:
         after = glanced(acc)
@@ -78,13 +78,13 @@ def search(full, start, readings, effects, before, glanced, twins=None):
         if look.account is None:
             better = not coarse and exchanges < MAX_EXCHANGES and (
                 after.p_value > EXPLAINED) and (
-                _exchanged(full, acc, path, leaves, lesser, effects, twins))
+                _exchanged(full, acc, path, leaves, lesser, effects, twins, settled))
             same = acc
             if better:
                 acc, lesser, path, leaves = better
             if acc is same:
                 return Search(acc, lesser, path, leaves, after, left)
-            exchanges += 1
+            exchanges, settled = exchanges + 1, 1
             after = glanced(acc, after)
             continue
         best = next(c for c in look.causes if c.found)
@@ -99,6 +99,7 @@ def search(full, start, readings, effects, before, glanced, twins=None):
                                                *acc.signatures[:-1]))
             after = glanced(acc, after)
             continue
+        settled = int(len(best.found) == 1)    # of a pair neither is the best alone
         noises += sum(not one.effect.columns for one in best.found)
         acc, path = look.account, _joined(path, best)
         leaves.pop(path.effect)
@@ -264,12 +265,14 @@ COMPARABLE = 1e-6    # probability of an effect beside the others, below which i
                      # not looked for as when it was found, but for evidence against it
 
 
-def _exchanged(full, acc, path, leaves, lesser, effects, twins):
+def _exchanged(full, acc, path, leaves, lesser, effects, twins, settled):
     """`_Exchanged`: is another effect, beside all others, more probable than one that
-    was found before the last? What may as well stand in its place is among the leaves.
+    was found, but for so many last that are `settled`, as the best beside all others?
+    What may as well stand in its place is among the leaves.
     """
     every = {number: _less(full, acc, lesser, path, number)
-             for number, one in enumerate(path.found[:-1]) if not one.effect.reading}
+             for number, one in enumerate(path.found[:len(path.found) - settled])
+             if not one.effect.reading}
     lesser = {**lesser, **{number: less for number, (less, _) in every.items()}}
     asked = sorted(every, key=lambda number: -lesser[number].log_evidence)
     scene, leaf, before = as_read(full, acc.readings), leaves[path.effect], leaves
