@@ -533,6 +533,18 @@ def test_a_walk_is_found_before_a_low_pass_and_behind_it(passes, form):
     assert abs(mean - 0.01) < 3.0 * sd
 
 
+def test_outliers_behind_a_low_pass_do_not_hide_its_form():
+    """They fill what it stops, until they are known."""
+    rng = np.random.default_rng(6)
+    y = signal.lfilter(*signal.butter(1, 0.36), rng.standard_normal(2200))[200:]
+    hit = rng.choice(2000, 8, replace=False)
+    y[hit] += 4.0 * rng.standard_normal(8)
+    d = sensorlab.diagnose(y, 1.0, WHITE)
+    assert sorted(d.verdict.split("+")) == ["bandwidth", "outliers"]
+    form, = [one.variant for one in d.found if one.name == "bandwidth"]
+    assert form == "digital first order" and d.remainder.p_value > 0.01
+
+
 def test_what_joins_an_account_makes_a_form_that_uneven_noise_can_have():
     y = np.random.default_rng(0).standard_normal(400)
     scene = Scene(y, 1.0, {})

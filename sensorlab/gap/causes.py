@@ -11,6 +11,7 @@ from sensorlab.gap.account import (
     Account, account, evidence_error, fixed, for_processes, for_signatures, gaussian,
     guesses_from, mean_evidence, solved_by)
 from sensorlab.gap.costs import say
+from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.directed import directed, estimate_signature, onsets_nearby
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
@@ -387,7 +388,13 @@ def _told_by_screens(inside, effects):
         elif effect.search in BY_SPECTRA:
             yield max(told for *_, told in inside.promised(effect))
         else:
-            yield screened(effect, scene, z, variance)
+            about = screened(effect, scene, z, variance)
+            if effect.name == "outliers" and any(
+                    one.effect.of_all for one in acc.member.effects):
+                # to a filter that knows no white noise, one is a burst
+                about = max(about, screened(CATALOGUE["noise_bursts"], scene, z,
+                                            variance))
+            yield about
 
 
 def _told_by_spectra(richer, scene, acc):
@@ -723,6 +730,51 @@ def without(full, acc, found, number, floor=-np.inf):
             e for e in h.effects if e.key != key)) for h in hypotheses]
     return account(as_read(full, acc.readings), acc.bases, hypotheses, signatures,
                    acc.readings, acc, floor)
+
+
+RATIOS = 1.3, 1.09, 1.03    # of the times that forms are compared at, ever nearer
+
+
+def in_best_forms(full, acc, found):
+    """The account with the effects inside its filters in the forms that are likeliest
+    beside all that is found now, if these are others: what is there twice over, an
+    outlier within the noise that a low-pass stops, hides its form.
+    """
+    scene = as_read(full, acc.readings)
+    for number, one in enumerate(found):
+        if not one.effect.variants or one.effect.columns or one.effect.reading:
+            continue
+        own = _inside(acc, found, number)
+        forms = _different((form, [h.with_form(own.key, form) for h in acc.hypotheses])
+                           for form in (own.variant, *one.effect.variants))
+        if len(forms) < 2:
+            continue
+        own, *others = side_by_side(
+            lambda form: _near(scene, acc, form[1][acc.best], one), forms)
+        best = int(np.argmax(others))
+        if others[best] > own:
+            new = account(scene, acc.bases, forms[1 + best][1], acc.signatures,
+                          acc.readings, acc)
+            acc = max(acc, new, key=lambda either: either.log_evidence)
+    return acc
+
+
+def _near(scene, acc, h, one):
+    """Largest log-likelihood of a hypothesis at parameters that an account has, but for
+    those of one effect, which are near these.
+    """
+    theta, best = acc.member.matching(h, acc.theta), -np.inf
+    columns = [c for c, (key, symbol) in enumerate(h.keys)
+               if key.startswith(one.name) and h.parameters[c].free]
+    for ratio in RATIOS:
+        for column in columns:
+            tried = np.repeat(theta[None], 3, axis=0)
+            tried[:, column] = np.clip(theta[column] * ratio**np.arange(-1.0, 2.0),
+                                       h.parameters[column].low,
+                                       h.parameters[column].high)
+            told = log_likelihoods(h, scene, acc.signatures, tried)
+            theta, best = tried[told.argmax()], max(best, told.max())
+    return best
 
 
 def _without_reading(full, acc, one):

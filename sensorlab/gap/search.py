@@ -10,7 +10,7 @@ import numpy as np
 from sensorid import brief
 from sensorlab.gap.account import Account, account, as_simulated, in_place
 from sensorlab.gap.causes import (
-    Cause, further_causes, largest_bayes, pushes, search_cost, without)
+    Cause, further_causes, in_best_forms, largest_bayes, pushes, search_cost, without)
 from sensorlab.gap.costs import heard_by, say
 from sensorlab.gap.distance import TRIALS, Gap, enough_trials
 from sensorlab.gap.effects import simulate_effects
@@ -105,6 +105,11 @@ def search(full, start, readings, effects, before, glanced, twins=None):
         leaves.pop(path.effect)
         acc, lesser, path, leaves = _without_needless(full, acc, path, leaves,
                                                       look.prior)
+        formed = in_best_forms(full, acc, path.found)
+        if formed is not acc:
+            path, lesser = path._replace(
+                log_bayes=path.log_bayes + formed.log_evidence - acc.log_evidence), {}
+            acc = formed
         last, after = after, glanced(acc, after)
         needed = stays_needed(best.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
