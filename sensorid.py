@@ -832,7 +832,7 @@ def grid(h, dt, nodes, box=None):
     check_interval(dt)
     prior = prior_box(h, dt)
     box = prior if box is None else box
-    nodes = _nodes_of(h, nodes, len(prior.low), 1)
+    nodes = _nodes_of(h, nodes, len(prior.low))
     z, log_prior, step = np.zeros((1, 0)), np.zeros(1), np.zeros((1, 0))
     for axis, n in enumerate(nodes):
         shift = z @ box.slope[axis, :axis]
@@ -847,9 +847,9 @@ def grid(h, dt, nodes, box=None):
     return _grid_of(h, dt, z, log_prior, step)[0]
 
 
-def _nodes_of(h, nodes, axes, least):
+def _nodes_of(h, nodes, axes):
     """Numbers of nodes (d,) along so many axes of a hypothesis."""
-    check_whole(nodes, "numbers of nodes", least)
+    check_whole(nodes, "numbers of nodes", 1)
     if np.shape(nodes) not in ((), (axes,)):
         raise ValueError(f"nodes along {np.size(nodes)} axes: a grid of {h.name} has "
                          f"{axes} here, give a number for each, or one for all")
@@ -901,7 +901,7 @@ def uniform_grid(h, dt, nodes):
     check_interval(dt)
     free = free_columns(h.parameters)
     axes = [np.linspace(h.parameters[c].low, h.parameters[c].high, max(n, 2))
-            for c, n in zip(free, _nodes_of(h, nodes, len(free), 1))]
+            for c, n in zip(free, _nodes_of(h, nodes, len(free)))]
     z = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(free))
     theta = np.array([p.high for p in h.parameters]) * np.ones((len(z), 1))
     theta[:, free] = z

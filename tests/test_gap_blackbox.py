@@ -178,6 +178,7 @@ def behind_a_filter(rng, tau, lsb, n=2000):
                           * np.sqrt((1.0 + a) / (1.0 - a)) / lsb)
 
 
+@pytest.mark.large
 def test_what_their_record_shows_weakly_is_no_gap():
     # of six records of one law, that which shows the low-pass least
     rng = np.random.default_rng(5)

@@ -533,6 +533,7 @@ def test_a_walk_is_found_before_a_low_pass_and_behind_it(passes, form):
     assert abs(mean - 0.01) < 3.0 * sd
 
 
+@pytest.mark.large
 def test_outliers_behind_a_low_pass_do_not_hide_its_form():
     """They fill what it stops, until they are known."""
     rng = np.random.default_rng(6)

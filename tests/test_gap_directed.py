@@ -111,7 +111,7 @@ def test_a_screen_knows_that_the_drive_of_a_simulator_is_fixed(onset, ratio):
     walk = 0.1 * np.where(np.arange(N) < onset * N, 1.0, ratio) * rng.standard_normal(N)
     scene = Scene(np.cumsum(walk) + 0.5 * rng.standard_normal(N), DT, {})
     known = member(scene, sensorid.hypothesis(
-        "random_walk", 1.0, sigma_w=0.1, sigma_v=0.5))
+        "random_walk", sigma_w=0.1, sigma_v=0.5))
     exact, about = ln_bayes(scene, known, "walk_step")
     assert exact > 15.0
     assert_allclose(about, exact, atol=1.0 + 0.1 * abs(exact))

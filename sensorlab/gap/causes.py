@@ -732,13 +732,13 @@ def without(full, acc, found, number, floor=-np.inf):
                    acc.readings, acc, floor)
 
 
-RATIOS = 1.3, 1.09, 1.03    # of the times that forms are compared at, ever nearer
+RATIOS = 1.3, 1.09, 1.03    # of the parameters at which forms are compared
 
 
 def in_best_forms(full, acc, found):
     """The account with the effects inside its filters in the forms that are likeliest
-    beside all that is found now, if these are others: what is there twice over, an
-    outlier within the noise that a low-pass stops, hides its form.
+    beside all that is found now: while outliers are not known, they fill the band that
+    a low-pass stops, and hide its form.
     """
     scene = as_read(full, acc.readings)
     for number, one in enumerate(found):
@@ -749,23 +749,23 @@ def in_best_forms(full, acc, found):
                            for form in (own.variant, *one.effect.variants))
         if len(forms) < 2:
             continue
-        own, *others = side_by_side(
-            lambda form: _near(scene, acc, form[1][acc.best], one), forms)
+        here, *others = side_by_side(
+            lambda form: _near(scene, acc, form[1][acc.best], own.key), forms)
         best = int(np.argmax(others))
-        if others[best] > own:
+        if others[best] > here:
             new = account(scene, acc.bases, forms[1 + best][1], acc.signatures,
                           acc.readings, acc)
             acc = max(acc, new, key=lambda either: either.log_evidence)
     return acc
 
 
-def _near(scene, acc, h, one):
+def _near(scene, acc, h, key):
     """Largest log-likelihood of a hypothesis at parameters that an account has, but for
-    those of one effect, which are near these.
+    those of the effect of a key, which are near these.
     """
     theta, best = acc.member.matching(h, acc.theta), -np.inf
-    columns = [c for c, (key, symbol) in enumerate(h.keys)
-               if key.startswith(one.name) and h.parameters[c].free]
+    columns = [c for c, (effect, _) in enumerate(h.keys)
+               if effect == key and h.parameters[c].free]
     for ratio in RATIOS:
         for column in columns:
             tried = np.repeat(theta[None], 3, axis=0)
