@@ -238,7 +238,7 @@ def _coarse(h):
                                            repeat=len(free_columns(h.parameters)))))
 
 
-FEWEST_TRIALS = 100    # of an expectation whose inverse is a bound: of fewer it is wide
+FEWEST_TRIALS = 32    # of an expectation whose inverse is a bound: of few it is wide
 
 
 def estimation_bound(h, dt, times, trials=2000, seed=0):

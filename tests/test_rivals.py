@@ -196,5 +196,5 @@ def test_the_bound_lies_below_the_bayesian_rsd():
     with pytest.raises(ValueError, match="log-uniform"):
         rivals.estimation_bound(
             s.hypothesis("white_noise", sigma_v=(1, 2), prior="log"), 1.0, [10.0])
-    with pytest.raises(ValueError, match="trials 3: whole numbers >= 100"):
+    with pytest.raises(ValueError, match="trials 3: whole numbers >= 32"):
         rivals.estimation_bound(H[0], 1.0, [10.0], 3)

@@ -18,7 +18,8 @@ from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.filters import filter_of, log_likelihoods, predict
 from sensorlab.gap.readings import NOISY, as_read, less_rounding
 from sensorlab.gap.screens import (
-    FEW, LITTLE, SCREENS, change_of_drive, change_of_level, screened, usual_variance)
+    FEW, HEAD, LITTLE, SCREENS, change_of_drive, change_of_level, screened,
+    usual_variance)
 from sensorlab.gap.signatures import families
 from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
 
@@ -738,9 +739,12 @@ RATIOS = 1.3, 1.09, 1.03    # of the parameters at which forms are compared
 def in_best_forms(full, acc, found):
     """The account with the effects inside its filters in the forms that are likeliest
     beside all that is found now: while outliers are not known, they fill the band that
-    a low-pass stops, and hide its form.
+    a low-pass stops, and hide its form. Of a long record the head tells which it is.
     """
     scene = as_read(full, acc.readings)
+    head = slice(None if acc.member.onsets else HEAD)
+    seen = scene.cut(head), [s._replace(columns=s.columns[head])
+                             for s in acc.signatures]
     for number, one in enumerate(found):
         if not one.effect.variants or one.effect.columns or one.effect.reading:
             continue
@@ -750,7 +754,7 @@ def in_best_forms(full, acc, found):
         if len(forms) < 2:
             continue
         here, *others = side_by_side(
-            lambda form: _near(scene, acc, form[1][acc.best], own.key), forms)
+            lambda form: _near(*seen, acc, form[1][acc.best], own.key), forms)
         best = int(np.argmax(others))
         if others[best] > here:
             new = account(scene, acc.bases, forms[1 + best][1], acc.signatures,
@@ -759,7 +763,7 @@ def in_best_forms(full, acc, found):
     return acc
 
 
-def _near(scene, acc, h, key):
+def _near(scene, signatures, acc, h, key):
     """Largest log-likelihood of a hypothesis at parameters that an account has, but for
     those of the effect of a key, which are near these.
     """
@@ -772,7 +776,7 @@ def _near(scene, acc, h, key):
             tried[:, column] = np.clip(theta[column] * ratio**np.arange(-1.0, 2.0),
                                        h.parameters[column].low,
                                        h.parameters[column].high)
-            told = log_likelihoods(h, scene, acc.signatures, tried)
+            told = log_likelihoods(h, scene, signatures, tried)
             theta, best = tried[told.argmax()], max(best, told.max())
     return best
 

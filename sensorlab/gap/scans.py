@@ -181,7 +181,7 @@ def _resolved_waves(scene, family, one, grid):
         length = np.exp(length)
         fits = (onset >= scene.dt) & (onset < scene.duration) & (
             length >= prior.low) & (length <= prior.high) & (
-            frequency * length >= 0.1) & (frequency <= 0.5 / scene.dt)
+            frequency * length >= MIN_PERIODS) & (frequency <= 0.5 / scene.dt)
         return np.column_stack([onset, length, frequency]), fits
     return resolved(scene, family, one, waves, grid, (0.3 * scene.dt, 1e-3, 0.0), 3)
 
