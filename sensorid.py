@@ -2194,8 +2194,8 @@ def posteriors(g, y, stops, coordinates=False):
         feature, exponent = _features(g)
     h, y = g.hypothesis, as_samples(y)
     if y.ndim != 2:
-        raise ValueError(f"records of shape {y.shape}: (C, N) is needed, one is y[None]"
-                         )
+        raise ValueError(f"records of shape {y.shape}: "
+                         "(C, N) is needed, one is y[None]")
     check_whole(stops, "stops", 1)
     offset = np.nanmean(y, 1)    # leaves the sums of a large bias their digits
     for sums in filter_bank(bank(h, g.dt, g.theta), y - offset[:, None], stops):

@@ -59,7 +59,7 @@ def test_a_ramp_weighs_nodes_so_that_linear_functions_are_integrated():
     (0.0, 5, "the sampling interval is 0.0 s")])
 def test_what_is_no_grid_is_refused(make, dt, nodes, message):
     h = s.hypothesis("markov", tau_m=(60.0, 1500.0), sigma_m=(0.5, 1.5),
-                            sigma_v=(0.25, 1.0))
+                     sigma_v=(0.25, 1.0))
     with pytest.raises(ValueError, match=message):
         make(h, dt, nodes)
 

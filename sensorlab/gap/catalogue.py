@@ -728,10 +728,15 @@ CALM, CALMEST = 64, 0.05    # samples of a part, and the share of parts that are
 
 def noise_where_calm(y):
     """Standard deviation of the white noise in the calmest parts of a record."""
-    step = np.abs(np.diff(y))[:(len(y) - 1) // CALM * CALM]
-    if not len(step):
+    return spread_where_calm(np.diff(y)) / np.sqrt(2.0)
+
+
+def spread_where_calm(x):
+    """Standard deviation of what is normal, without mean, in its calmest parts."""
+    size = np.abs(x)[:len(x) // CALM * CALM]
+    if not len(size):
         return 0.0
-    return np.quantile(step.reshape(-1, CALM).mean(1), CALMEST) * np.sqrt(np.pi) / 2.0
+    return np.sqrt(0.5 * np.pi) * np.quantile(size.reshape(-1, CALM).mean(1), CALMEST)
 
 
 def snapped(y):

@@ -10,8 +10,8 @@ from sensorid import at_quantiles, brief, free_columns, probabilities, side_by_s
 from sensorlab.gap.account import (
     Account, account, evidence_error, fixed, for_processes, for_signatures, gaussian,
     guesses_from, mean_evidence, solved_by)
-from sensorlab.gap.costs import say
 from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature, onsets_nearby
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
@@ -316,7 +316,8 @@ def _after_low_passes(effect, acc):
     process is behind it.
     """
     yield acc.hypotheses
-    if effect.model and not effect.jumps and not effect.reading:
+    if effect.model and not effect.jumps and not effect.reading and any(
+            one.variant in one.effect.of_all for one in acc.member.effects):
         yield [h.behind_low_passes(base) for h, base in zip(acc.hypotheses, acc.bases)]
 
 
@@ -741,16 +742,17 @@ def in_best_forms(full, acc, found):
     beside all that is found now: while outliers are not known, they fill the band that
     a low-pass stops, and hide its form. Of a long record the head tells which it is.
     """
+    in_forms = [n for n, one in enumerate(found) if one.effect.variants]
+    if not in_forms:
+        return acc
     scene = as_read(full, acc.readings)
     head = slice(None if acc.member.onsets else HEAD)
     seen = scene.cut(head), [s._replace(columns=s.columns[head])
                              for s in acc.signatures]
-    for number, one in enumerate(found):
-        if not one.effect.variants or one.effect.columns or one.effect.reading:
-            continue
+    for number in in_forms:
         own = _inside(acc, found, number)
         forms = _different((form, [h.with_form(own.key, form) for h in acc.hypotheses])
-                           for form in (own.variant, *one.effect.variants))
+                           for form in (own.variant, *own.effect.variants))
         if len(forms) < 2:
             continue
         here, *others = side_by_side(

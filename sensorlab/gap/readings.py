@@ -10,8 +10,8 @@ from scipy.special import erf, gammaln, log_ndtr, logsumexp, ndtr, ndtri, xlogy
 
 from sensorid import brief
 from sensorlab.gap.catalogue import (
-    CALM, CALMEST, CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between,
-    noise_where_calm, repeated_at_random)
+    CALM, CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between,
+    noise_where_calm, repeated_at_random, spread_where_calm)
 from sensorlab.gap.clipping import unclipped
 from sensorlab.gap.effects import Found
 
@@ -597,8 +597,7 @@ def _least_noise(y, lsb):
     left = _unpredicted(y[:TELLING])
     if left is None:
         return 0.0
-    size = np.abs(left[:len(left) // CALM * CALM]).reshape(-1, CALM).mean(1)
-    noise = min(np.sqrt(0.5 * np.pi) * np.quantile(size, CALMEST), noise_where_calm(y))
+    noise = min(spread_where_calm(left), noise_where_calm(y))
     return NORMAL * less_rounding(noise, lsb)
 
 
