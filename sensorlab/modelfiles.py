@@ -11,6 +11,7 @@ from sensorlab.foreign import translated
 from sensorlab.foreign.parts import FOREIGN
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Found, Simulator
+from sensorlab.gap.lowpass import LowPass
 from sensorlab.modelschema import parsed, problem
 
 
@@ -135,7 +136,9 @@ def _effect_from(entry):
     elif "codes" in values and np.any(np.diff(values["codes"], axis=0)[:, 0] <= 0.0):
         raise ValueError(f"codes of {effect.name}: the value of each must be above "
                          "that of the one before")
-    return Found(effect, entry.get("column") or "", entry.get("variant") or "", values)
+    low_pass = entry.get("low_pass")
+    return Found(effect, entry.get("column") or "", entry.get("variant") or "", values,
+                 low_pass=LowPass(**low_pass) if low_pass else None)
 
 
 def check_onsets(simulator, scene):
@@ -163,13 +166,18 @@ def model_text(model):
         if model.simulator.effects:
             entry["effects"] = [
                 dict(name=one.name, column=one.column or None,
-                     variant=one.variant or None, parameters={
+                     variant=one.variant or None, **_low_pass(one), parameters={
                          symbol: _json_value(v) for symbol, v in one.values.items()})
                 for one in effects]
         hypotheses.append(entry)
     posterior = dict(posterior_of=model.posterior_of) if model.posterior_of else {}
     return json.dumps(dict(dt=model.dt, unit=model.unit, **posterior,
                            hypotheses=hypotheses), indent=1)
+
+
+def _low_pass(one):
+    """What an effect of a model file passes before it is recorded, if anything."""
+    return dict(low_pass=one.low_pass._asdict()) if one.low_pass else {}
 
 
 def _json_value(value, log=False):

@@ -15,6 +15,7 @@ from sensorlab.foreign import datasheet
 from sensorlab.foreign.parts import FOREIGN
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Scene, psi_of
+from sensorlab.gap.lowpass import SUDDEN
 
 POSITIVE, NOT_NEGATIVE = dict(exclusiveMinimum=0), dict(minimum=0)
 
@@ -62,13 +63,21 @@ def model_file():
         models, label=PRINTABLE, prior=PRIOR,
         bias_sigma=dict(type="number", **NOT_NEGATIVE),
         effects=dict(type=["array", "null"], items=_named(
-            effects, column=COLUMN, variant=dict(type=["string", "null"]))))
+            effects, column=COLUMN, variant=dict(type=["string", "null"]),
+            low_pass=_low_pass())))
     hypothesis["required"] = ["name"]
     return _object(
         ["dt", "hypotheses"], {"$schema": dict(type="string")}, dt=INTERVAL,
         unit=PRINTABLE, prior=PRIOR, bias_sigma=dict(type="number", **NOT_NEGATIVE),
         posterior_of=PRINTABLE,
         hypotheses=dict(type="array", items=hypothesis, minItems=1))
+
+
+def _low_pass():
+    """A digital low-pass that an effect passes before it is recorded, or null."""
+    forms = CATALOGUE["bandwidth"].of_all
+    return _object(["variant", "tau"], variant=dict(enum=list(forms)), tau=dict(
+        type="number", **POSITIVE)) | dict(type=["object", "null"])
 
 
 def data_sheet():
@@ -134,7 +143,8 @@ def _of_effect(effect):
             parameters=_object(needed, **parameters),
             column=dict(type="string", minLength=1) if effect.column else
             dict(enum=[None, ""]),
-            variant=dict(enum=[None, *dict.fromkeys(["", *variants])])),
+            variant=dict(enum=[None, *dict.fromkeys(["", *variants])]),
+            **({} if effect.search in SUDDEN else dict(low_pass=dict(type="null")))),
         required=["column"] if effect.column else [])
 
 

@@ -3,10 +3,12 @@ import pathlib
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from scipy.signal import butter, lfilter
 
 import sensorid
 import sensorlab
 from sensorlab import Scene
+from sensorlab.gap.catalogue import ZERO
 from sensorlab.gap.effects import Member
 from sensorlab.readers import Recording
 
@@ -75,6 +77,16 @@ def dense(theta, n, bias_sigma=1.0):
     t = np.arange(n)
     return (sigma_m**2 * np.exp(-np.abs(t[:, None] - t) / tau)
             + sigma_v**2 * np.eye(n) + bias_sigma**2)
+
+
+def bilinear(tau, samples, order=2):
+    """What white noise becomes by SciPy's digital Butterworth filter, but for zeros
+    which are not quite at half the rate of one a second: the response (N, N) to each of
+    its values.
+    """
+    b, a = butter(order, 1.0 / (np.pi * tau))
+    zeros = np.poly(order * [-ZERO])
+    return lfilter(b.sum() / zeros.sum() * zeros, a, np.eye(samples), axis=0)
 
 
 @pytest.fixture

@@ -228,8 +228,8 @@ def test_an_onset_that_was_sought_without_the_outliers_is_moved_to_where_they_se
     plain = Scene(np.where(odd, np.nan, y), 1.0, {})
     reference = account(plain, [member(plain, h)])
     values = dict(onset=float(at + late), size=4.0)
-    one = filters.Signature(Found(effect, values=values), effects.columns_of(
-        scene, effect, "", "", values["onset"]), 9.0)
+    found = Found(effect, values=values)
+    one = filters.Signature(found, effects.columns_of(scene, found, values), 9.0)
     near = directed.onsets_nearby(scene, one, 4)
     assert [s.found.values["onset"] for s in near] == [at + late + k
                                                        for k in range(-4, 5)]

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL, member
+from conftest import DT, MODEL, bilinear, member
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_triangular
-from scipy.signal import butter, lfilter
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
 from sensorlab.gap import effects, filters
 from sensorlab.gap.account import fixed
-from sensorlab.gap.catalogue import ZERO, flicker_processes
+from sensorlab.gap.catalogue import flicker_processes
 from sensorlab.gap.effects import signature_of
 
 
@@ -51,16 +51,6 @@ def butterworth(tau, times):
         for j in range(i, len(times)):
             result[i, j] = result[j, i] = (turn[j - i] @ P)[0, 0]
     return result
-
-
-def bilinear(tau, samples, order=2):
-    """What white noise becomes by SciPy's digital Butterworth filter, but for zeros
-    which are not quite at half the rate of one a second: the response (N, N) to each of
-    its values.
-    """
-    b, a = butter(order, 1.0 / (np.pi * tau))
-    zeros = np.poly(order * [-ZERO])
-    return lfilter(b.sum() / zeros.sum() * zeros, a, np.eye(samples), axis=0)
 
 
 @pytest.mark.parametrize("tau", [0.5, 9.0])

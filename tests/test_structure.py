@@ -50,13 +50,13 @@ def test_a_section_calls_only_sections_above_it(end):
 
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
              # folder
-    "sensorlab/gap": ["costs", "effects", "catalogue", "kernels", "unrolled",
-                      "steps", "mixtures", "filters", "evidence", "screens", "spectra",
-                      "signatures", "onsets", "scans", "clipping", "readings",
-                      "account", "directed", "causes", "pairs", "probes", "places",
-                      "distance", "closure", "drift", "twins", "flexible", "search",
-                      "remainder", "verdict", "diagnosis", "blackbox", "sizes",
-                      "words", "report", "curves"],
+    "sensorlab/gap": ["costs", "effects", "catalogue", "kernels", "lowpass",
+                      "unrolled", "steps", "mixtures", "filters", "evidence",
+                      "screens", "spectra", "signatures", "onsets", "scans",
+                      "clipping", "readings", "account", "directed", "causes", "pairs",
+                      "probes", "places", "distance", "closure", "drift", "twins",
+                      "flexible", "search", "remainder", "verdict", "diagnosis",
+                      "blackbox", "sizes", "words", "report", "curves"],
     "sensorlab/readers": ["dates", "clocks", "channels", "axes", "covariates",
                           "messages", "arrays", "text", "objects",
                           "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],

@@ -21,6 +21,7 @@ Notation
     scan         gains of a family's thousands of signatures at one node
     psi          what a signature depends on besides its size: onset, frequency, tau
     variant      one of several forms of an effect: the square or the modulus of a rate
+    low-pass     a digital one that all passes: edges before it are smooth behind it
     reading      what the values of a record show by themselves: a lattice, a limit
     account      what a record is explained by: members, signatures, readings, a fit
     cause        a set of effects with its probability; the empty one is none
@@ -37,8 +38,8 @@ Notation
     z            normal scores of a record, N(0, 1) and white if all is well
 
 The files read in the order of the argument; each takes only from those before it:
-costs, effects, catalogue, kernels, unrolled, mixtures, filters, evidence, screens,
-spectra, signatures, onsets, scans, readings, account, directed, causes, probes, places,
-distance, closure, drift, twins, flexible, search, remainder, verdict, diagnosis,
-blackbox, sizes, words, report, curves.
+costs, effects, catalogue, kernels, lowpass, unrolled, steps, mixtures, filters,
+evidence, screens, spectra, signatures, onsets, scans, clipping, readings, account,
+directed, causes, pairs, probes, places, distance, closure, drift, twins, flexible,
+search, remainder, verdict, diagnosis, blackbox, sizes, words, report, curves.
 """

@@ -256,8 +256,7 @@ def _bandwidth(scene, filt, tau, variant=""):
         return even._replace(Gamma=even.Gamma * np.where(
             own, change[..., None, None], 1.0))
     if variant.startswith("digital"):
-        digital = _digital_of_first_order if "first order" in variant else _digital
-        return _through(digital(scene.dt / tau, 1.0), rest, white,
+        return _through(digital(variant, scene.dt / tau), rest, white,
                         [] if variant.endswith("white noise") else _alone(rest))
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
@@ -355,9 +354,16 @@ ZERO = 0.998    # for 1, of the zeros at half the sampling rate: no sensor is as
                 # there as arithmetic would have it
 
 
-def _digital(cut_off, white):
-    """White noise w through the bilinear transform of a Butterworth filter of second
-    order, its cut-off in radians a sample: b (1 + ZERO / z)^2 / (1 - c / z - d / z^2).
+def digital(variant, cut_off):
+    """White noise of variance 1 through a digital low-pass, a form of `bandwidth`, its
+    cut-off in radians a sample; the noise is the last state.
+    """
+    return (_of_first_order if "first order" in variant else _of_second_order)(cut_off)
+
+
+def _of_second_order(cut_off):
+    """White noise w through the bilinear transform of a Butterworth filter:
+    b (1 + ZERO / z)^2 / (1 - c / z - d / z^2).
 
     That is b0 w and two states that w drives by b1 and b2.
     """
@@ -374,15 +380,15 @@ def _digital(cut_off, white):
     second = d**2 * first + b2**2
     P0 = [[first, both, b0 * b1], [both, second, b0 * b2], [b0 * b1, b0 * b2, b0**2]]
     return _of_one_noise([[c, 1.0, 0.0], [d, 0.0, 0.0], [0.0, 0.0, 0.0]], (b1, b2, b0),
-                         [1.0, 0.0, 1.0], P0, white)
+                         [1.0, 0.0, 1.0], P0)
 
 
 LEAST_POLE = 1e-4    # for less, of the pole: at zero it is that of the white noise
 
 
-def _digital_of_first_order(cut_off, white):
-    """`_digital` of a filter of first order, b (1 + ZERO / z) / (1 - c / z): b0 w and a
-    state that w drives by b1.
+def _of_first_order(cut_off):
+    """The same of first order, b (1 + ZERO / z) / (1 - c / z): b0 w and a state that w
+    drives by b1.
     """
     K = np.tan(np.minimum(0.5 * cut_off, MOST_WARPED))
     b, c = 2.0 * K / (1.0 + K) / (1.0 + ZERO), (1.0 - K) / (1.0 + K)
@@ -391,17 +397,16 @@ def _digital_of_first_order(cut_off, white):
     b1 = b - b0
     # 1 - c^2 of a slow one is too small to be a difference
     P0 = [[b1**2 * (1.0 + K)**2 / (4.0 * K), b0 * b1], [b0 * b1, b0**2]]
-    return _of_one_noise([[c, 0.0], [0.0, 0.0]], (b1, b0), [1.0, 1.0], P0, white)
+    return _of_one_noise([[c, 0.0], [0.0, 0.0]], (b1, b0), [1.0, 1.0], P0)
 
 
-def _of_one_noise(Phi, b, H, P0, white):
-    """A shaping filter of states that one noise of this standard deviation drives by
-    b, their covariance P0 at first where it is 1.
+def _of_one_noise(Phi, b, H, P0):
+    """A shaping filter of states that one noise of variance 1 drives by b, their
+    covariance P0 at first.
     """
     return ShapingFilter(
-        _matrices(*Phi), _matrices(*([part * white] for part in b)), np.array([H]),
-        np.zeros(1), np.zeros(len(H)),
-        _matrices(*([part * white**2 for part in row] for row in P0))[..., 0, :, :])
+        _matrices(*Phi), _matrices(*([part] for part in b)), np.array([H]), np.zeros(1),
+        np.zeros(len(H)), _matrices(*P0)[..., 0, :, :])
 
 
 def _pair(Phi, Gamma, H, P0):
@@ -918,8 +923,9 @@ CATALOGUE = {effect.name: effect for effect in (
                     "+ sqrt(2) tau dV/dt = v - V, sampled, with the density that v has "
                     "at rest; a digital one (of second order, or "
                     "first), the bilinear transform of either that keeps the cut-off "
-                    "1 / (2 pi tau), has random walks and Markov processes pass it, "
-                    "too, or the white noise alone, if no noise changes; tau in s",
+                    "1 / (2 pi tau), has random walks, Markov processes and what "
+                    "begins at some time pass it, too, or the white noise alone, if no "
+                    "noise changes; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("blue_noise", model=_blue_noise, elementwise=True, search="spectrum",
            parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),

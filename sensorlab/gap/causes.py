@@ -16,6 +16,7 @@ from sensorlab.gap.directed import directed, estimate_signature, onsets_nearby
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.filters import filter_of, log_likelihoods, predict
+from sensorlab.gap.lowpass import families_passing, low_pass_of, signature_passing
 from sensorlab.gap.readings import NOISY, as_read, less_rounding
 from sensorlab.gap.screens import (
     FEW, HEAD, LITTLE, SCREENS, change_of_drive, change_of_level, screened,
@@ -176,6 +177,9 @@ def _sought(scene, acc, effects, processes=True, known=NO_OTHER):
     stand_in = gaussian(scene, acc)
     plain, reference = _without_jumps(scene, acc, for_signatures(scene, acc, stand_in))
     listed = families(plain, effects, acc.signatures)
+    low_pass = low_pass_of(acc.member, acc.theta)
+    if low_pass:
+        listed += families_passing(low_pass, listed)
     say("looking for signatures", 4)
     samples = directed(plain, reference, listed, grids=(grids := {}))
     rivals = _with_signatures(listed, samples)
@@ -680,6 +684,7 @@ def estimated_together(full, acc, path):
     ends = 1 + np.cumsum([0, *(s.columns.shape[1] for s in acc.signatures)])
     for number, one in enumerate(path.found):
         if one.effect.columns:
+            one = one._replace(low_pass=acc.signatures[at].found.low_pass)
             own, at = slice(ends[at], ends[at + 1]), at + 1
             size, sd = solved.size[0, own], np.sqrt(np.diag(solved.cov[0])[own])
             values = {one.effect.size: (
@@ -747,22 +752,36 @@ def in_best_forms(full, acc, found):
         return acc
     scene = as_read(full, acc.readings)
     head = slice(None if acc.member.onsets else HEAD)
-    seen = scene.cut(head), [s._replace(columns=s.columns[head])
-                             for s in acc.signatures]
     for number in in_forms:
         own = _inside(acc, found, number)
-        forms = _different((form, [h.with_form(own.key, form) for h in acc.hypotheses])
-                           for form in (own.variant, *own.effect.variants))
+        forms = [(hypotheses, signatures) for form, hypotheses in _different(
+            (form, [h.with_form(own.key, form) for h in acc.hypotheses])
+            for form in (own.variant, *own.effect.variants))
+            for signatures in _before_or_after(acc, hypotheses, scene)]
         if len(forms) < 2:
             continue
-        here, *others = side_by_side(
-            lambda form: _near(*seen, acc, form[1][acc.best], own.key), forms)
+        here, *others = side_by_side(lambda form: _near(scene.cut(head), [
+            s._replace(columns=s.columns[head]) for s in form[1]], acc,
+            form[0][acc.best], own.key), forms)
         best = int(np.argmax(others))
         if others[best] > here:
-            new = account(scene, acc.bases, forms[1 + best][1], acc.signatures,
-                          acc.readings, acc)
+            new = account(scene, acc.bases, *forms[1 + best], acc.readings, acc)
             acc = max(acc, new, key=lambda either: either.log_evidence)
     return acc
+
+
+def _before_or_after(acc, hypotheses, scene):
+    """The signatures of an account as they are, and, if its hypotheses are to have a
+    low-pass that all passes, with edges that pass it, too.
+    """
+    yield acc.signatures
+    h = hypotheses[acc.best]
+    low_pass = low_pass_of(h, acc.member.matching(h, acc.theta))
+    if low_pass:
+        passed = tuple(signature_passing(low_pass, one, scene)
+                       for one in acc.signatures)
+        if any(one is not own for one, own in zip(passed, acc.signatures)):
+            yield passed
 
 
 def _near(scene, signatures, acc, h, key):

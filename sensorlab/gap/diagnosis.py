@@ -20,7 +20,7 @@ from sensorlab.gap.costs import check_memory, heard_by, say, share_heap
 from sensorlab.gap.distance import Gap, distance, enough_trials
 from sensorlab.gap.drift import drift
 from sensorlab.gap.effects import (
-    Found, Scene, Simulator, columns_of, known_values, members, psi_of, signature_of)
+    Found, Scene, Simulator, columns_of, known_values, members, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing
@@ -402,8 +402,7 @@ def _of_unknown_size(raw, one):
     sd = float(max(abs(least), abs(most)) if any_phase else size.sd)
     numbers = {**known_values(one), effect.size: sd}
     return Signature(one._replace(values=numbers),
-                     columns_of(raw, effect, one.column, one.variant,
-                                psi_of(raw, effect, numbers)), sd, not any_phase,
+                     columns_of(raw, one, numbers), sd, not any_phase,
                      (least, most) if any_phase and least > 0.0 else ())
 
 

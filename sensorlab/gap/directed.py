@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from sensorid import probabilities, side_by_side
 from sensorlab.gap.account import account
-from sensorlab.gap.effects import BLOCK, Found, columns_of, psi_of
+from sensorlab.gap.effects import BLOCK, Found, columns_of
 from sensorlab.gap.evidence import Sample, effort, log_sum, normalized
 from sensorlab.gap.filters import Signature, log_likelihoods, solve
 from sensorlab.gap.scans import family_bayes, is_coarse, refined, scores
@@ -86,9 +86,11 @@ def _scored(scene, reference, latest, listed, asked, table, grids):
     # scans take longest: they begin; two of one kind would take the most memory
     order = sorted(asked, key=lambda k: listed[k - 1].psi is not None)
     found, likely = [[] for _ in nodes], {}    # of a long record a few nodes are a part
+    low_pass = next((one.low_pass for one in listed if one.low_pass), None)
     for some in _together(parts, most):
         solved = side_by_side(lambda part: _for_scans(scene, solve(
-            reference.hypotheses[part[0]], scene, reference.signatures, part[1])), some)
+            reference.hypotheses[part[0]], scene, reference.signatures, part[1],
+            low_pass)), some)
         jobs = list(itertools.product(range(len(some)), order))
         bayes = dict(zip(jobs, side_by_side(
             lambda job: family_bayes(scene, listed[job[1] - 1], *solved[job[0]], table,
@@ -116,7 +118,8 @@ def _for_scans(scene, solved):
     """
     one = solved.node(int(solved.base.argmax())).for_scans(np.isnan(scene.y))
     several = solved if len(solved.base) > 1 else one
-    return several._replace(steps=None), one._replace(steps=one.steps.copy())
+    return several._replace(steps=None, passed=None), one._replace(
+        steps=one.steps.copy(), passed=one.passed.copy())
 
 
 def _nodes(scene, latest, past):
@@ -231,11 +234,10 @@ def estimate_signature(scene, reference, family, samples, number, grids=None,
     size = expected(lambda p: p[1])
     sd = float(np.sqrt(max(expected(lambda p: p[2]) - size**2, 0.0)))
     values[effect.size] = size, sd
-    found = Found(effect, family.column, variant, values, float(total))
+    found = Found(effect, family.column, variant, values, float(total),
+                  low_pass=family.low_pass)
     numbers = {**dict(zip(values, psi)), effect.size: size}
-    return Signature(found._replace(values=numbers),
-                     columns_of(scene, effect, family.column, variant,
-                                psi_of(scene, effect, numbers)),
+    return Signature(found._replace(values=numbers), columns_of(scene, found, numbers),
                      3.0 * float(np.hypot(size, sd))), found
 
 
@@ -254,9 +256,8 @@ def onsets_nearby(scene, one, most):
         elif low < onset < high:
             moved = {**values, "onset": onset}
             result.append(one._replace(
-                found=one.found._replace(values=moved), columns=columns_of(
-                    scene, effect, one.found.column, one.found.variant,
-                    psi_of(scene, effect, moved))))
+                found=one.found._replace(values=moved),
+                columns=columns_of(scene, one.found, moved)))
     return result
 
 
@@ -266,10 +267,10 @@ def _sizes(h, scene, signatures, family, theta, share, grid):
     """
     theta, times = np.unique(theta, axis=0, return_counts=True)
     if is_coarse(scene, family):
-        one = solve(h, scene, signatures, theta[times.argmax()][None]).for_scans(
-            np.isnan(scene.y))
+        one = solve(h, scene, signatures, theta[times.argmax()][None], family.low_pass
+                    ).for_scans(np.isnan(scene.y))
         family, grid = refined(scene, family, one, grid)
-    found = scores(scene, family, solve(h, scene, signatures, theta))
+    found = scores(scene, family, solve(h, scene, signatures, theta, family.low_pass))
     best, sd = found.gain.max(0), found.sd.min(0)
     near = np.flatnonzero((best > best.max() - 60.0) & (sd < UNSEEN * sd.min()))
     if len(near) > MOST_NEAR:    # nothing stands out of so many

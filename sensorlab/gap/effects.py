@@ -148,6 +148,7 @@ class Found(NamedTuple):
                          # phase among them; (mean, sd) in an answer
     share: float = 1.0   # probability of the variant among all, in an answer
     number: int = 1      # inside a filter, where there are several of one effect
+    low_pass: object = None    # `LowPass` that its columns pass, if there is one
 
     @property
     def name(self):
@@ -490,10 +491,8 @@ def known_values(one):
 
 def signature_of(scene, one, value):
     """What an effect with columns adds (N,) at values of its parameters."""
-    effect = one.effect
-    columns = columns_of(scene, effect, one.column, one.variant,
-                         psi_of(scene, effect, value))
-    size = np.array([value[effect.size]])
+    columns = columns_of(scene, one, value)
+    size = np.array([value[one.effect.size]])
     if columns.shape[1] == 2:
         phase = value.get("phase", 0.0)
         size = size * [np.cos(phase), -np.sin(phase)]
@@ -506,10 +505,14 @@ def psi_of(scene, effect, values):
     return psi if len(psi) > 1 else psi[0] if psi else np.nan
 
 
-def columns_of(scene, effect, column, variant, psi):
-    """The columns (N, k) of an effect in one variant; "" is the first."""
-    built = effect.columns(scene, scene.columns.get(column), psi)
-    return next(c for name, c in built if variant in ("", name))
+def columns_of(scene, one, values):
+    """The columns (N, k) of an effect, as `Found`, at values of its parameters; of its
+    variants "" is the first.
+    """
+    built = one.effect.columns(scene, scene.columns.get(one.column), psi_of(
+        scene, one.effect, values))
+    columns = next(c for name, c in built if one.variant in ("", name))
+    return one.low_pass.passed(columns, scene.dt) if one.low_pass else columns
 
 
 def add_jumps(y, jumps, rng):

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from sensorid import LOG_2PI, Bank, Modes, Sums, bank, brief, filter_bank, modes
 from sensorlab.gap.effects import BLOCK, Found
 from sensorlab.gap.kernels import (
-    LANES, adjoint, dot, plain_gains, row_products, whiten, whiten_back)
+    LANES, STEP, adjoint, dot, plain_gains, row_products, whiten, whiten_back)
 from sensorlab.gap.mixtures import mixture_filters
 
 
@@ -205,6 +205,7 @@ def _refusal(h):
                       "give a ramp as an effect of a random walk")
 
 
+EPSILON = np.finfo(float).eps
 SAME = 1e-8    # relative: two numbers that are equal but for rounding
 
 
@@ -617,12 +618,14 @@ class Solved(NamedTuple):
     residual: np.ndarray   # (M, N) C^-1 y less what bias and signatures explain
     w: np.ndarray          # (c, M, N) C^-1 of the columns known already
     cov: np.ndarray        # (M, c, c) of their sizes
-    steps: np.ndarray      # (M, N)
+    steps: np.ndarray      # (M, N) s' C^-1 s of steps s from every sample on
     size: np.ndarray       # (M, c) sizes of the columns known already
     spectra: tuple         # pairs of a share of the record, (M,), and the `Modes` there
     bank: Bank             # of the hypothesis, its states driven evenly
     parts: Parts
+    rounding: np.ndarray   # (M,) share of an information that is but rounding
     filter: Filter = None  # of the only node, beside which the bank is slow
+    passed: np.ndarray = None    # (M, N) as `steps`, of steps that pass a low-pass
 
     __repr__ = brief
 
@@ -634,14 +637,15 @@ class Solved(NamedTuple):
             self.steps[own], self.size[own], tuple(
                 (share[own], Modes(*(part[own] for part in there)))
                 for share, there in self.spectra), Bank(*(m[own] for m in self.bank)),
-            p._replace(own=p.own[:, own], r=p.r[own], later=p.later[own]))
+            p._replace(own=p.own[:, own], r=p.r[own], later=p.later[own]),
+            self.rounding[own], passed=self.passed[own])
 
     def cut(self, first, last):
         """The same, for what is 0 but from the first sample to the last."""
         own = slice(first, last)
         b, parts = cut(self.bank, self.parts, first, last)
         return self._replace(residual=self.residual[:, own], w=self.w[..., own],
-                             steps=self.steps[:, own], bank=b, parts=parts,
+                             steps=None, passed=None, bank=b, parts=parts,
                              filter=self.filter and self.filter.cut(first, last))
 
     def for_scans(self, gap):
@@ -652,22 +656,63 @@ class Solved(NamedTuple):
         return self._replace(filter=_filter_at(p, p.h[None], 0, gap))
 
 
-def solve(h, scene, signatures, theta):
-    """`Solved` of a hypothesis without jumps."""
+    def before(self, low_pass, dt):
+        """The same for what passes a low-pass, if there is one, before it is recorded:
+        products with that are these with what passes.
+        """
+        if not low_pass:
+            return self
+        return self._replace(residual=low_pass.back(self.residual, dt),
+                             w=low_pass.back(self.w, dt), steps=self.passed)
+
+
+def solve(h, scene, signatures, theta, low_pass=None):
+    """`Solved` of a hypothesis without jumps; `low_pass` is the `LowPass` that some
+    signatures pass, if there is one.
+    """
     y = np.where(np.isnan(scene.y), 0.0, scene.y)
     observed = 1.0 - np.isnan(scene.y)
     X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
     b = _bank(h, scene, theta)
     one = parts_at(h, scene, theta, b)
-    w, steps, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.later, one.r)
+    w, shocks, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.later,
+                                 one.r, low_pass.shock(scene.dt) if low_pass else STEP)
     c, M, N = w.shape
     gram = np.moveaxis(row_products(w.reshape(-1, N), X).reshape(c, M, c), 1, 0)
     known = marginal(gram, log_det, observed.sum(), constants(h, signatures))
     residual, w = w[0], w[1:]
     for node, size in enumerate(known.size):
         residual[node] -= np.einsum("j, ji -> i", size, w[:, node])
-    return Solved(known.log_likelihood, residual, w, known.covariance, steps,
-                  known.size, _spectra(h, scene, theta, b), b, one)
+    spectra = _spectra(h, scene, theta, b)
+    return Solved(known.log_likelihood, residual, w, known.covariance, shocks[0],
+                  known.size, spectra, b, one, _rounding(spectra, b, one, observed,
+                                                         shocks[0]), passed=shocks[-1])
+
+
+TURNS = 4.0 * np.geomspace(1e-4, 1.0, 64)    # |1 - exp(-i w)|^2 where edges are seen
+LITTLE = 1e-9    # rounding that does no harm
+TRIED, TIMES = 4, 10.0    # steps whose information is computed twice, and how many
+                          # times as large the rounding may be as that shows
+
+
+def _rounding(spectra, b, parts, observed, steps):
+    """Share (M,) of an information that may be rounding: the more, the less power a
+    noise has at some frequency than at another. Where it may do harm, it is what the
+    bank and the backward pass, whose `steps` (M, N) they are, differ by.
+    """
+    apart = 0.0
+    for _, there in spectra:
+        a, q = there.a[..., None], there.q[..., None]
+        S = (q / ((1.0 - a)**2 + a * TURNS)).real.sum(1) + there.r.min(1, keepdims=True)
+        apart = np.maximum(apart, S.max(1) / np.maximum(S.min(1), EPSILON * S.max(1)))
+    result = EPSILON * apart
+    if (result < LITTLE).all():
+        return result
+    seen = np.flatnonzero(observed)
+    at = seen[(np.arange(1, TRIED + 1) * len(seen)) // (TRIED + 1)]
+    rows = np.where(observed > 0.0, np.arange(len(observed)) >= at[:, None], np.nan)
+    twice = summed(b, parts, rows, None).chi2 / steps[:, at].T
+    return TIMES * np.abs(twice - 1.0).max(0)
 
 
 def _spectra(h, scene, theta, b):

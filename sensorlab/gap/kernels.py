@@ -24,6 +24,7 @@ import functools
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 from numba import get_num_threads, njit
@@ -381,49 +382,69 @@ def _in_lanes(turned, lanes):
     return result
 
 
-def adjoint(y, observed, h, own, pair, later, r):
-    """C^-1 y of every column, and s' C^-1 s of a step s at every sample.
+class Shock(NamedTuple):
+    """What is added to the output from a sample on: what states give that nothing
+    drives, from values that they have then.
+    """
+
+    turned: np.ndarray    # (2, m) the first two numbers of the states
+    pair: np.ndarray      # (m,)
+    h: np.ndarray         # (m,) what observes them
+    begun: np.ndarray     # (k, m) their values at that sample, of k such shocks
+
+
+STEP = Shock(np.array([[1.0], [0.0]]), np.zeros(1, int), np.ones(1), np.ones((1, 1)))
+
+
+def adjoint(y, observed, h, own, pair, later, r, shock=STEP):
+    """C^-1 y of every column, and s' C^-1 s of k shocks s, by default of a step, from
+    every sample on.
 
     y (C, N); h (n,) observes the states; own, pair, later and r as for
     `mixture_filters`.
-    Returns w (C, M, N), steps (M, N) and log_det (M,): P. De Jong, J. Penzer,
-    "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93, 1998, with the output
-    shifted for good as the shock.
+    Returns w (C, M, N), shocks (k, M, N) and log_det (M,): P. De Jong, J. Penzer,
+    "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93, 1998, with what is added
+    to the output as the shock.
     """
     (C, N), M = y.shape, own.shape[1]
-    w, steps, log_det = np.empty((C, M, N)), np.empty((M, N)), np.empty(M)
-    lanes = lanes_for(M)
+    w, log_det = np.empty((C, M, N)), np.empty(M)
+    squares, lanes = np.empty((len(shock.begun), M, N)), lanes_for(M)
     in_threads(_go_there_and_back, groups(M, lanes), lanes, y, observed, h, own, pair,
-               later, r, w, steps, log_det)
-    return w, steps, log_det
+               later, r, *shock, w, squares, log_det)
+    return w, squares, log_det
 
 
 STRETCH = 1024    # samples of the way there that are kept for the way back
 
 
 @njit(**KERNEL)
-def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, w,
-                       steps, log_det):
+def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, turned,
+                       beside, seen, begun, w, squares, log_det):
     """Groups of `adjoint`. The way there is gone twice: once to its end, and again from
     where each stretch begins, before that stretch is gone back.
     """
     C, N = y.shape
     M, n = own.shape[1:]
-    shifted, to_itself = np.append(h, 1.0), np.append(pair, n)    # and the shift
+    m = len(seen)
+    all_h, all_pair = np.append(h, seen), np.append(pair, n + beside)
     stretches = (N + STRETCH - 1) // STRETCH
     for group in range(first, last):
         node = np.minimum(group * lanes + np.arange(lanes), M - 1)
-        parts, back = np.empty((6, n, lanes)), np.ones((2, n + 1, lanes))
+        parts, back = np.empty((6, n, lanes)), np.empty((2, n + m, lanes))
         P, x = np.zeros((n, n, lanes)), np.zeros((n, C, lanes))
         kept_P, kept_x = (np.empty((stretches, n, n, lanes)),
                           np.empty((stretches, n, C, lanes)))
         noise, weight = np.empty((STRETCH, lanes)), np.empty((STRETCH, lanes))
         K, gain = np.empty((STRETCH, n, lanes)), np.empty((C, STRETCH, lanes))
-        R, D = np.zeros((n, C, lanes)), np.zeros((n + 1, n + 1, lanes))
+        R, D = np.zeros((n, C, lanes)), np.zeros((n + m, n + m, lanes))
         log_f, product = np.zeros(lanes), np.ones(lanes)
         there_of, back_of = np.empty((2, n, C * lanes)), np.empty((2, n, C * lanes))
-        shocks = np.empty((STRETCH, lanes))
+        shocks = np.empty((len(begun), STRETCH, lanes))
         load(own, pair, node, parts, P)
+        for s in range(m):
+            for g in range(lanes):
+                back[0, n + s, g], back[1, n + s, g] = turned[0, s], turned[
+                    1, beside[s]]
         for s in range(n):    # of Phi'
             for g in range(lanes):
                 back[0, s, g], back[1, s, g] = parts[0, s, g], parts[1, pair[s], g]
@@ -458,12 +479,13 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
                             log_f[g] += np.log(product[g])
                             product[g] = 1.0
                 continue
-            _go_back(count, shifted, back, back_of, to_itself, K, weight, gain, R, D,
-                     shocks)
+            _go_back(count, all_h, back, back_of, all_pair, K, weight, gain, R, D,
+                     begun, shocks)
             _without_dust(R.ravel())
             for g in range(min(lanes, M - group * lanes)):
                 for i in range(count):
-                    steps[node[g], begin + i] = shocks[i, g]
+                    for s in range(len(begun)):
+                        squares[s, node[g], begin + i] = shocks[s, i, g]
                     for c in range(C):
                         w[c, node[g], begin + i] = gain[c, i, g]
         for g in range(min(lanes, M - group * lanes)):
@@ -535,14 +557,14 @@ def _go_there(y, observed, noise, h, own, node, later, begin, parts, of_columns,
 
 
 @njit(**INSIDE)
-def _go_back(N, h, back, of_columns, pair, K, weight, gain, R, D, steps):
+def _go_back(N, h, back, of_columns, pair, K, weight, gain, R, D, begun, shocks):
     """A stretch of N samples of the way back of `adjoint`: gain (C, ., lanes) becomes
-    C^-1 y; steps (., lanes) becomes s' C^-1 s; R (n, C, lanes) and D are what comes
-    after. The last of the n + 1 states is the shift; back (2, n + 1, lanes) are factors
-    of Phi', those `of_columns` (2, n, C lanes).
+    C^-1 y; shocks (k, ., lanes) become s' C^-1 s; R (n, C, lanes) and D are what comes
+    after. The last of the n + m states are those of the shocks, begun (k, m); back (2,
+    n + m, lanes) are factors of Phi', those `of_columns` (2, n, C lanes).
     """
-    n, C, lanes = R.shape
-    kD, kDk, all_R = np.empty((n + 1, lanes)), np.empty(lanes), R.reshape(n, C * lanes)
+    (n, C, lanes), m = R.shape, begun.shape[1]
+    kD, kDk, all_R = np.empty((n + m, lanes)), np.empty(lanes), R.reshape(n, C * lanes)
     few = pair[:n]
     for i in range(N - 1, -1, -1):
         for c in range(C):
@@ -554,8 +576,8 @@ def _go_back(N, h, back, of_columns, pair, K, weight, gain, R, D, steps):
             for s in range(n):
                 for g in range(lanes):
                     R[s, c, g] += h[s] * gain[c, i, g]
-        # D = h h' / f + L' D L with L = Phi - K h', of the shift 1 and 0
-        for t in range(n + 1):
+        # D = h h' / f + L' D L with L = Phi - K h', K 0 of shocks
+        for t in range(n + m):
             for g in range(lanes):
                 kD[t, g] = 0.0
             for s in range(n):
@@ -569,13 +591,19 @@ def _go_back(N, h, back, of_columns, pair, K, weight, gain, R, D, steps):
                 kDk[g] += K[i, s, g] * kD[s, g]
         turn(back, pair, kD)
         turn_covariance(back, pair, D)
-        for s in range(n + 1):
+        for s in range(n + m):
             for t in range(s + 1):
                 for g in range(lanes):
                     D[s, t, g] += (h[s] * h[t] * kDk[g] - h[t] * kD[s, g]
                                    - h[s] * kD[t, g])
-        for g in range(lanes):
-            steps[i, g] = D[n, n, g]
+        for k in range(len(begun)):
+            for g in range(lanes):
+                shocks[k, i, g] = 0.0
+            for s in range(m):
+                for t in range(s + 1):
+                    both = begun[k, s] * begun[k, t] * (1.0 if s == t else 2.0)
+                    for g in range(lanes):
+                        shocks[k, i, g] += both * D[n + s, n + t, g]
 
 
 WHOLE = 1.5 * 2.0**52    # a number that is added to it is rounded to the last bit

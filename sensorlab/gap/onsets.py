@@ -16,21 +16,22 @@ from sensorlab.gap.signatures import (
     Grid, Scan, Scores, blocks, information, resolved, scores_at, unnamed)
 
 
-def step_scores(scene, solved):
+def step_scores(scene, family, solved):
     """`Scores` of steps at every onset."""
+    solved = solved.before(family.low_pass, scene.dt)
     size, J = np.empty((2, len(solved.base), len(scene.y) - 1))
     for node in range(len(solved.base)):
-        _step_sizes(node, *solved[1:5], size[node], J[node])
+        _step_sizes(node, *solved[1:5], solved.rounding[node], size[node], J[node])
     return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
 
 
 def step_scan(scene, family, one):
-    yield Scan(step_scores(scene, one).gain[0], 1, lambda number: (
+    yield Scan(step_scores(scene, family, one).gain[0], 1, lambda number: (
         scene.time[1 + number], unnamed(number)))
 
 
 @njit(**KERNEL)
-def _step_sizes(node, residual, w, cov, steps, size, information):
+def _step_sizes(node, residual, w, cov, steps, rounding, size, information):
     """Least-squares size of a step at samples 1 ... N - 1, and its information, each
     (N - 1,), at one node of the parts of `Solved`.
     """
@@ -45,7 +46,7 @@ def _step_sizes(node, residual, w, cov, steps, size, information):
         for c in range(C):
             for d in range(C):
                 J -= cross[c] * cov[node, c, d] * cross[d]
-        J = max(J, 1e-6 * steps[node, i] + least)
+        J = max(J, max(1e-6, rounding) * steps[node, i] + least)
         size[i - 1], information[i - 1] = number / J, J
 
 
@@ -137,7 +138,7 @@ def span_scan(scene, family, one):
     if not set(variants) <= set(SHAPES):
         raise ValueError(f"effect {family.effect.name}, which is searched as a pulse, "
                          f"has the forms {variants}: they must be among {list(SHAPES)}")
-    residual = one.residual[0, 1:]
+    residual = one.before(family.low_pass, scene.dt).residual[0, 1:]
     left = residual[::-1].cumsum()[::-1]
     # a sum of the past is held against the sum of what is left
     sums = {(False, 1): residual, (True, 1): np.append(left[1:], 0.0)}
@@ -237,7 +238,8 @@ def _between_edges(scene, family, one, best):
     opposite sign, and between the likeliest edges near the `best` of a grid, each of
     which is an onset, samples and their information.
     """
-    steps, residual = step_scores(scene, one), one.residual[0]
+    steps = step_scores(scene, family, one)
+    residual = one.before(family.low_pass, scene.dt).residual[0]
     size, peaks = steps.size[0], _most_prominent(steps.gain[0])
     log_n, log_J = np.log([own[1:] for own in best]).T
     powers = np.gradient(log_J, log_n) if len(best) > 1 else np.ones(1)

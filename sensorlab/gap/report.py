@@ -32,7 +32,9 @@ def report(d, record):
                  drift=[one._asdict() for one in d.drift],
                  held_out=d.held_out and _held_out(d.held_out)),
         found=[dict(effect=one.name, column=one.column or None,
-                    variant=one.variant or None, share=part.share, needed=part.stays,
+                    variant=one.variant or None,
+                    low_pass=one.low_pass and one.low_pass._asdict(),
+                    share=part.share, needed=part.stays,
                     probability=present(d.causes).get(one.name, 0.0),
                     parameters=_parameters(one.values))
                for one, part in zip(d.found, d.parts)],

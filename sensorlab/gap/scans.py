@@ -143,12 +143,15 @@ def _waves(scene, family, one, n, onsets):
         for level in {own.r[0].min(), own.r[0].max()}:
             inverse = np.zeros((1, L))
             _line_information(turn, 2.0, own.a, own.q, np.array([[level]]), inverse)
+            if family.low_pass:
+                inverse *= family.low_pass.power(turn, scene.dt)
             J = np.maximum(J, 0.5 / L * np.fft.irfft(
                 power * np.fft.rfft(inverse[0]), L)[keep])
     # where samples are missing, they are most nearly whole
     J = J * max(part.mean() for part in np.array_split(~np.isnan(scene.y), STRETCHES))
     J = np.maximum(J, ROUNDED * J.max())
-    behind = sliding_window_view(np.append(one.residual[0], np.zeros(L)), L)[
+    residual = one.before(family.low_pass, scene.dt).residual[0]
+    behind = sliding_window_view(np.append(residual, np.zeros(L)), L)[
         onsets.start:onsets.stop:onsets.step]
     rows = max(BLOCK // L, 1)
     for first in range(0, len(behind), rows):
@@ -298,7 +301,7 @@ def scores(scene, family, solved):
     """`Scores` of all signatures of a family that has a list of them, or steps."""
     if family.psi is not None:
         return scores_at(scene, family, solved)
-    return step_scores(scene, solved)
+    return step_scores(scene, family, solved)
 
 
 def is_coarse(scene, family):

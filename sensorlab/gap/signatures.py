@@ -125,6 +125,7 @@ class Family(NamedTuple):
     column: str          # "" where none is needed
     psi: tuple = None    # values of its parameter; None where a scan knows better
     variant: str = ""    # the only one that is tried; "" are all
+    low_pass: object = None    # `LowPass` that they pass, if there is one
 
     __repr__ = brief
 
@@ -208,7 +209,8 @@ def columns_at(scene, family, psi):
                     f"effect {family.effect.name} builds columns of shape "
                     f"{columns.shape}: ({N}, 1) or ({N}, 2) are needed")
             if np.any(columns):
-                yield value, variant, columns
+                yield value, variant, (family.low_pass.passed(columns, scene.dt)
+                                       if family.low_pass else columns)
 
 
 def scores_at(scene, family, solved, psi=None):
@@ -361,7 +363,9 @@ def information(scene, columns, solved):
             squares[..., 0, 1] = squares[..., 1, 0] = sums.products.T
     c, M = solved.w.shape[:2]
     cross = row_products(solved.w.reshape(-1, N), rows).reshape(c, M, m, k)
-    return squares - np.einsum("cmak,mcd,dmal->makl", cross, solved.cov, cross)
+    rounding = solved.rounding[:, None, None, None] * np.eye(k) * squares
+    return squares + rounding - np.einsum("cmak,mcd,dmal->makl", cross, solved.cov,
+                                          cross)
 
 
 def least_squares(psi, number, J):

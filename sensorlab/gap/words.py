@@ -289,6 +289,10 @@ def advice(d, unit):
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "
                    f"probability {one.share:.2f} among its forms; its size is of that")
     for one in d.found:
+        if one.low_pass:
+            yield (f"{one.name} is there before the low-pass, which smooths its edges: "
+                   "behind it they would be sharp")
+    for one in d.found:
         for p in one.effect.parameters(d.scene):
             mean, sd = one.values[p.symbol]
             if p.log and sd < WELL_KNOWN * mean and not p.low < mean - 2.0 * sd <= (

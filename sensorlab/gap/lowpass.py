@@ -1,0 +1,89 @@
+"""A digital low-pass that all of a sensor passes: what begins at once before it has
+edges as smooth as it leaves them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import lfilter, ss2tf
+
+from sensorlab.gap.catalogue import digital
+from sensorlab.gap.effects import columns_of
+from sensorlab.gap.kernels import Shock
+
+
+class LowPass(NamedTuple):
+    """A form of `bandwidth` that all passes, and its time constant."""
+
+    variant: str
+    tau: float    # s
+
+    def _states(self, dt):
+        """Matrices of s <- A s + B u, which puts out C s + D u."""
+        filt = digital(self.variant, dt / self.tau)
+        (Phi,), (Gamma,), (H,) = filt.Phi, filt.Gamma, filt.H
+        return Phi[:-1, :-1], Gamma[:-1], H[:-1], Gamma[-1]
+
+    def _polynomials(self, dt):
+        """Of z^-1: numerator and denominator."""
+        A, B, C, D = self._states(dt)
+        above, below = ss2tf(A, B, C[None] @ A, C[None] @ B + D)
+        return above[0], below
+
+    def passed(self, columns, dt):
+        """What comes out of columns (N, k) that were at rest before."""
+        return lfilter(*self._polynomials(dt), columns - columns[0], axis=0
+                       ) + columns[0]
+
+    def back(self, rows, dt):
+        """Rows (..., N) whose products with columns that are 0 at first are those of
+        the given ones with what comes out of these.
+        """
+        return lfilter(*self._polynomials(dt), rows[..., ::-1])[..., ::-1]
+
+    def power(self, turn, dt):
+        """Of its response at turn = |1 - exp(-i w)|^2."""
+        w = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(turn), 1.0))
+        back = np.exp(-1j * np.outer(np.arange(3), w))
+        above, below = (p @ back[:len(p)] for p in self._polynomials(dt))
+        return np.abs(above / below)**2
+
+    def shock(self, dt):
+        """A step as it is, and one that passes, as a `Shock`: less where they come to
+        rest, its states decay.
+        """
+        A, B, C, _ = self._states(dt)
+        rest = np.linalg.solve(np.eye(len(A)) - A, B[:, 0])
+        m, n = 1 + len(A), len(A)
+        turned = np.zeros((2, m))
+        turned[0, 0], turned[0, 1:] = 1.0, np.diag(A)
+        pair = np.arange(m)
+        if n == 2:
+            pair[1:] = 2, 1
+            turned[1, 1:] = A[0, 1], A[1, 0]
+        return Shock(turned, pair, np.append(1.0, C), np.array([
+            np.eye(m)[0], np.append(1.0, -A @ rest)]))
+
+
+def low_pass_of(member, theta):
+    """The `LowPass` that all passes in a hypothesis at theta (p,), or None."""
+    return next((LowPass(one.variant, float(member.value(theta, one.key, "tau")))
+                 for one in member.effects if one.variant in one.effect.of_all), None)
+
+
+SUDDEN = "onset", "pulse", "waves"    # searches for what has edges
+
+
+def families_passing(low_pass, listed):
+    """Families of signatures of which a low-pass smooths the edges, as they pass it."""
+    return [family._replace(low_pass=low_pass) for family in listed
+            if family.effect.search in SUDDEN]
+
+
+def signature_passing(low_pass, one, scene):
+    """A `Signature` as it passes a low-pass, if that smooths its edges and none has."""
+    found = one.found
+    if found.low_pass or one.given or found.effect.search not in SUDDEN:
+        return one
+    found = found._replace(low_pass=low_pass)
+    return one._replace(found=found, columns=columns_of(scene, found, found.values))

@@ -1,0 +1,181 @@
+"""What begins at once and passes a digital low-pass, against dense matrices and SciPy's
+filter.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import WHITE, bilinear, member
+from numpy.testing import assert_allclose
+from scipy import signal
+
+import sensorid
+import sensorlab
+from sensorlab import CATALOGUE, Found, Scene, Simulator, modelfiles, simulate_effects
+from sensorlab.gap import effects, filters, lowpass, scans, signatures
+from sensorlab.gap.account import fixed
+from sensorlab.gap.lowpass import LowPass
+
+FORMS = ("digital first order", 1, 0.9), ("digital", 2, 1.3), ("digital", 2, 4.0)
+N, SPREAD = 300, 2.0
+
+
+@pytest.fixture(params=FORMS, ids=lambda form: f"order {form[1]}, tau {form[2]}")
+def behind(request):
+    """A record with a gap, of white noise through a low-pass, and that; `Solved`; the
+    low-pass and the inverse covariance as matrices.
+    """
+    variant, order, tau = request.param
+    long = bilinear(tau, N + 1000, order)
+    y = (long @ np.random.default_rng(order).standard_normal(N + 1000))[1000:] + 1.0
+    y[100:110] = np.nan
+    scene, one = Scene(y, 1.0, {}), LowPass(variant, tau)
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=SPREAD)
+               ).with_effect(CATALOGUE["bandwidth"], variant)
+    solved = filters.solve(h, scene, (), np.array([[1.0, tau]]), one)
+    seen, cov = ~np.isnan(y), (long @ long.T)[1000:, 1000:] + SPREAD**2
+    inverse = np.zeros((N, N))
+    inverse[np.ix_(seen, seen)] = np.linalg.inv(cov[np.ix_(seen, seen)])
+    return scene, one, solved, bilinear(tau, N, order), inverse
+
+
+def test_a_low_pass_is_that_of_scipy(behind):
+    scene, one, _, L, _ = behind
+    rng = np.random.default_rng(1)
+    columns, rows = rng.standard_normal((N, 2)), rng.standard_normal((3, N))
+    columns[0] = 0.0
+    assert_allclose(one.passed(columns, 1.0), L @ columns, atol=1e-12)
+    assert_allclose(one.passed(columns + 5.0, 1.0), L @ columns + 5.0, atol=1e-12)
+    assert_allclose(one.back(rows, 1.0), rows @ L, atol=1e-12)
+    w = np.linspace(0.0, np.pi, 9)
+    response = bilinear(one.tau, 4000, 2 if one.variant == "digital" else 1)[:, 0]
+    assert_allclose(one.power(2.0 - 2.0 * np.cos(w), 1.0), np.abs(
+        signal.freqz(response, worN=w)[1])**2, atol=1e-9)
+
+
+def test_the_backward_pass_gives_steps_as_they_are_and_as_they_pass(behind):
+    scene, one, solved, L, inverse = behind
+    y = np.nan_to_num(scene.y)
+    for low_pass, passed in (None, np.eye(N)), (one, L):
+        family = signatures.Family(CATALOGUE["bias_step"], "", low_pass=low_pass)
+        found = scans.scores(scene, family, solved)
+        for onset in (1, 30, 99, 104, 150, 236):
+            s = passed @ (np.arange(N) >= onset)
+            J, number = s @ inverse @ s, s @ inverse @ y
+            assert_allclose(found.sd[0, onset - 1]**-2, J, rtol=2e-3)
+            assert_allclose(found.size[0, onset - 1], number / J,
+                            atol=0.03 * found.sd[0, onset - 1])
+            (exact,) = signatures.scores_at(scene, family, solved, [float(onset)]).gain
+            assert_allclose(exact, found.gain[0, onset - 1], rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["pulse", "gradual_step", "ringing"])
+def test_scans_find_what_passes(behind, name):
+    """The best of a scan gains about what its column does, and none gains more."""
+    scene, one, solved, L, inverse = behind
+    values = dict(pulse=(120.0, 12.0), gradual_step=(60.0, 80.0),
+                  ringing=(140.0, 40.0, 0.12))[name]
+    (_, column), *_ = CATALOGUE[name].columns(scene, None, values)
+    y = scene.y + 3.0 * L @ column[:, 0]
+    scene, h = scene._replace(y=y), member(scene, WHITE[0])
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=SPREAD)
+               ).with_effect(CATALOGUE["bandwidth"], one.variant)
+    solved = filters.solve(h, scene, (), np.array([[1.0, one.tau]]), one)
+    family = signatures.Family(CATALOGUE[name], "", low_pass=one)
+    best = signatures.scores_at(scene, family, solved, [values]).gain.max()
+    found = [part for part in scans.SCANS[CATALOGUE[name].search](
+        scene, family, solved)]
+    top = max(found, key=lambda part: part.gain.max())
+    psi, (variant,) = top.of(top.gain.argmax(keepdims=True))
+    exact = signatures.scores_at(scene, family._replace(variant=variant), solved,
+                                 psi.tolist()).gain[0, 0]
+    assert top.gain.max() == pytest.approx(exact, rel=0.15)
+    assert top.gain.max() > 0.7 * best
+
+
+def test_edges_where_a_low_pass_stops_all_gain_nothing_by_rounding():
+    """Where what is known has them already, what is left of some 1e10 is nothing."""
+    rng, n = np.random.default_rng(5), 1000
+    y = signal.lfilter(*signal.butter(2, 0.2), rng.standard_normal(n + 600))[600:]
+    scene, effect = Scene(y, 1.0, {}), CATALOGUE["pulse"]
+    h = member(scene, sensorid.hypothesis("random_walk", sigma_w=0.01, sigma_v=1.0)
+               ).with_effect(CATALOGUE["bandwidth"], "digital")
+    known = dict(onset=300.0, duration=5.0, size=0.1)
+    found = Found(effect, variant="rectangular", values=known)
+    one = filters.Signature(found, effects.columns_of(scene, found, known), 1.0)
+    scene = scene._replace(y=y + 0.1 * one.columns[:, 0])
+    for taus in [1.6], [1.5, 1.6, 1.7]:
+        theta = np.array([[0.01, 1.0, tau] for tau in taus])
+        solved = filters.solve(h, scene, (one,), theta)
+        if len(taus) == 1:
+            solved = solved.for_scans(np.isnan(scene.y))
+        told = signatures.scores_at(scene, signatures.Family(effect, ""), solved, [
+            (300.0, 5.0), (301.0, 4.0), (300.0, 6.0), (299.0, 7.0)])
+        assert told.gain[:, np.array(told.variant) == "rectangular"][:, 0].max() < 1.0
+        assert told.gain.max() < 60.0
+
+
+def test_a_record_of_a_model_has_edges_as_its_low_pass_leaves_them(tmp_path):
+    step = Found(CATALOGUE["bias_step"], values=fixed(onset=50.0, size=2.0),
+                 low_pass=LowPass("digital", 3.0))
+    simulator = Simulator((sensorid.hypothesis(
+        "white_noise", sigma_v=1e-12, bias_sigma=0.0),), ((step,),))
+    file = tmp_path / "model.json"
+    model = modelfiles.Model(1.0, "u", simulator)
+    file.write_text(modelfiles.model_text(model))
+    (read,), = modelfiles.read_model(file).simulator.effects
+    assert read.low_pass == step.low_pass
+    scene = Scene(np.zeros(200), 1.0, {})
+    for own in simulator, modelfiles.read_model(file).simulator:
+        y = simulate_effects(own, scene).error[0]
+        assert_allclose(y, 2.0 * bilinear(3.0, 200) @ (np.arange(200) >= 50),
+                        atol=1e-10)
+    tree = json.loads(file.read_text())
+    for variant, tau in ("third order", 3.0), ("digital", -1.0):
+        tree["hypotheses"][0]["effects"][0]["low_pass"] = dict(variant=variant, tau=tau)
+        file.write_text(json.dumps(tree))
+        with pytest.raises(ValueError, match=r"low_pass\.(variant|tau) is"):
+            modelfiles.read_model(file)
+    line = dict(name="sinusoid", low_pass=step.low_pass._asdict(), parameters=dict(
+        frequency=0.1, amplitude=1.0))
+    tree["hypotheses"][0]["effects"] = [line]
+    file.write_text(json.dumps(tree))
+    with pytest.raises(ValueError, match="low_pass is .* it must be null"):
+        modelfiles.read_model(file)
+
+
+def test_what_is_there_before_a_low_pass_takes_the_form_that_passes_it():
+    scene = Scene(np.zeros(100), 1.0, {})
+    found = Found(CATALOGUE["bias_step"], values=dict(onset=50.0, size=2.0))
+    one = filters.Signature(found, found.effect.columns, 1.0)
+    low_pass = LowPass("digital", 3.0)
+    passed = lowpass.signature_passing(low_pass, one, scene)
+    assert passed.found.low_pass == low_pass and passed.columns[50, 0] < 0.2
+    assert lowpass.signature_passing(LowPass("digital", 9.0), passed, scene) is passed
+    line = one._replace(found=found._replace(effect=CATALOGUE["sinusoid"]))
+    assert lowpass.signature_passing(low_pass, line, scene) is line
+
+
+@pytest.mark.parametrize("before", [True, pytest.param(
+    False, marks=pytest.mark.large)])
+def test_a_step_is_found_before_a_low_pass_and_behind_it(before):
+    """Before it a sharp edge would be impossible where the low-pass stops all."""
+    rng = np.random.default_rng(3)
+    step = 0.6 * (np.arange(2600) >= 1700)
+    b, a = signal.butter(2, 0.3)
+    y = signal.lfilter(b, a, rng.standard_normal(2600) + before * step)[600:]
+    y += (not before) * step[600:]
+    d = sensorlab.diagnose(y, 1.0, WHITE)
+    assert d.verdict == "bandwidth+bias_step"
+    low_pass, found = d.found
+    mean, sd = found.values["onset"]
+    assert abs(mean - 1100.0) < 3.0 * sd
+    assert (found.low_pass is not None) == before
+    if before:
+        tau = low_pass.values["tau"][0]
+        assert found.low_pass.tau == pytest.approx(tau, rel=0.1)
+        model = sensorlab.augmented(d)
+        (saved,) = [one for one in model.effects[0] if one.name == "bias_step"]
+        assert saved.low_pass == found.low_pass
+        assert sensorlab.diagnose(y, 1.0, model).verdict == "none"
