@@ -422,15 +422,18 @@ def _told_by_spectra(richer, scene, acc):
 
 
 FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
+SURE_STEP = 0.9     # probability, soon after it
+ONE_STEP = 16       # samples, in which one may seem to be several
 
 
 def _steps(acc, scene):
-    """How many steps of a level that moves at random a record shows, each soon after:
-    of fewer no more is known than of a random walk, or each has a time of its own.
+    """How many steps of a level that moves at random a record surely shows, each soon
+    after: of fewer no more is known than of a random walk, or each has a time of its
+    own.
     """
-    sure = predict(acc.member, scene, acc.signatures, acc.theta[None]
-                   ).second[0, 0] > 0.5
-    return np.sum(sure[1:] & ~sure[:-1]) + sure[0]
+    sure = np.flatnonzero(predict(acc.member, scene, acc.signatures, acc.theta[None]
+                                  ).second[0, 0] > SURE_STEP)
+    return np.sum(np.diff(sure, prepend=-np.inf) > ONE_STEP)
 
 
 def _rests_on_rounding(acc, scene):
@@ -772,16 +775,16 @@ def in_best_forms(full, acc, found):
 
 def _before_or_after(acc, hypotheses, scene):
     """The signatures of an account as they are, and, if its hypotheses are to have a
-    low-pass that all passes, with edges that pass it, too.
+    low-pass that all passes: those that pass one as they pass it, and all of them.
     """
     yield acc.signatures
     h = hypotheses[acc.best]
-    low_pass = low_pass_of(h, acc.member.matching(h, acc.theta))
-    if low_pass:
-        passed = tuple(signature_passing(low_pass, one, scene)
-                       for one in acc.signatures)
-        if any(one is not own for one, own in zip(passed, acc.signatures)):
+    low_pass, known = low_pass_of(h, acc.member.matching(h, acc.theta)), acc.signatures
+    for every in (False, True) if low_pass else ():
+        passed = tuple(signature_passing(low_pass, one, scene, every) for one in known)
+        if any(one is not own for one, own in zip(passed, known)):
             yield passed
+        known = passed
 
 
 def _near(scene, signatures, acc, h, key):

@@ -80,10 +80,13 @@ def families_passing(low_pass, listed):
             if family.effect.search in SUDDEN]
 
 
-def signature_passing(low_pass, one, scene):
-    """A `Signature` as it passes a low-pass, if that smooths its edges and none has."""
+def signature_passing(low_pass, one, scene, every):
+    """A `Signature` that passes a low-pass, or `every` that has edges, as it passes
+    this one.
+    """
     found = one.found
-    if found.low_pass or one.given or found.effect.search not in SUDDEN:
+    if found.low_pass == low_pass or one.given or found.effect.search not in SUDDEN or (
+            not (found.low_pass or every)):
         return one
     found = found._replace(low_pass=low_pass)
     return one._replace(found=found, columns=columns_of(scene, found, found.values))
