@@ -292,6 +292,7 @@ def resolved(scene, family, one, at, grid, least, reach):
                      -1).reshape(-1, d)
     apart = np.maximum(apart, least)
     for _ in range(MOST_GRIDS):
+        here = Grid(middle, apart)
         psi, fits = at(middle + apart * steps)
         fits[len(steps) // 2] = True    # it has mass, but for rounding in its range
         tried = [tuple(own) for own in psi[fits].tolist()]
@@ -316,7 +317,7 @@ def resolved(scene, family, one, at, grid, least, reach):
         if held and (changed == apart).all():
             break
         middle, apart = (middle + apart * steps)[mass.argmax()], changed
-    return family, Grid(middle, apart)
+    return family, here
 
 
 MEMORY = 10**4    # samples in which a filter forgets how it began, ...
