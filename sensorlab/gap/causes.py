@@ -12,7 +12,8 @@ from sensorlab.gap.account import (
     guesses_from, mean_evidence, solved_by)
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.costs import say
-from sensorlab.gap.directed import directed, estimate_signature, onsets_nearby
+from sensorlab.gap.directed import (
+    directed, estimate_signature, estimated_beside, nodes_for, onsets_nearby)
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.filters import filter_of, log_likelihoods, predict
@@ -683,16 +684,16 @@ def estimated_together(full, acc, path):
         return path
     result, at = [], len(acc.signatures) - sum(
         bool(one.effect.columns) for one in path.found)
-    solved = solved_by(acc, as_read(full, acc.readings))
-    ends = 1 + np.cumsum([0, *(s.columns.shape[1] for s in acc.signatures)])
+    scene, hypotheses = gaussian(as_read(full, acc.readings), acc)
+    h = hypotheses[acc.best]
+    nodes = np.array([acc.member.matching(h, theta)
+                      for theta in acc.sample.nodes(nodes_for(scene) // 2)])
     for number, one in enumerate(path.found):
         if one.effect.columns:
-            one = one._replace(low_pass=acc.signatures[at].found.low_pass)
-            own, at = slice(ends[at], ends[at + 1]), at + 1
-            size, sd = solved.size[0, own], np.sqrt(np.diag(solved.cov[0])[own])
-            values = {one.effect.size: (
-                float(size[0] if len(size) == 1 else np.hypot(*size)),
-                float(np.sqrt(np.mean(sd**2))))}
+            own, at = acc.signatures[at], at + 1
+            one = one._replace(low_pass=own.found.low_pass)
+            values = estimated_beside(scene, h, [
+                other for other in acc.signatures if other is not own], own, nodes)
         elif _is_single(one):
             values = {} if _held_by(acc.signatures, one) else dict(
                 factor=_factor(_wrong_key(one), acc.bases, acc))

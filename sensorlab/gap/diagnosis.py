@@ -23,6 +23,7 @@ from sensorlab.gap.effects import (
     Found, Scene, Simulator, columns_of, known_values, members, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
+from sensorlab.gap.lowpass import SUDDEN
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, beside_steps, narrowed, search
@@ -257,9 +258,10 @@ def _surely(scene, acc, trials, seed, before=None, near=None):
 
 def augmented(d):
     """The `Simulator` of a diagnosis with the effects that were found: ranges of the
-    base have the posterior's mean and standard deviation, the phase of a line is that
-    of any record, a step, a pulse or a wave at some time is there or not, from nothing
-    to the size found; the rest are numbers.
+    base, and of what a column or the time is times, have the posterior's mean and
+    standard deviation, the phase of a line is that of any record, a step, a pulse or a
+    wave at some time is there or not, from nothing to the size found; the rest are
+    numbers.
     """
     to, sample = d.final.member.in_units, d.final.sample
     # what stands beside effects of fixed numbers is where these are likely
@@ -267,6 +269,7 @@ def augmented(d):
     # a uniform range of this half-width has that standard deviation
     width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(theta))
     (h,), (effects,) = as_simulated(d.final, d.scene, theta, width)
+    effects = _of_sizes(d, effects)
     known = sum((signature_of(d.scene, one, known_values(one))
                  for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))
@@ -278,6 +281,23 @@ def augmented(d):
     h = h._replace(bias_sigma=bias_sigma, bias_given=True)
     return Simulator((h,), (tuple(map(_at_any_phase, (
         *d.known, *map(_there_or_not, effects)))),))
+
+
+def _of_sizes(d, effects):
+    """Effects of a simulator, of which those that were found and are columns times a
+    size have it in a range, if they do not begin at some time.
+    """
+    result, found = list(effects), [one for one in d.found if one.effect.columns]
+    at = [k for k, one in enumerate(effects) if one.effect.columns]
+    for k, one in zip(at[len(at) - len(found):], found):    # the simulator's come first
+        symbol = one.effect.size
+        mean, sd = one.values[symbol]
+        least = 0.0 if symbol == "amplitude" else -np.inf
+        if one.effect.search not in SUDDEN:
+            result[k] = result[k]._replace(values={**result[k].values, symbol: Parameter(
+                symbol, max(mean - np.sqrt(3.0) * sd, least), mean + np.sqrt(3.0) * sd)
+                })
+    return result
 
 
 def _at_any_phase(one):
@@ -294,7 +314,7 @@ def _there_or_not(one):
     """What happened in a record at some time, as another record has it: of a size from
     nothing on.
     """
-    if not one.effect.columns or one.effect.search not in ("onset", "pulse", "waves"):
+    if not one.effect.columns or one.effect.search not in SUDDEN:
         return one
     symbol = one.effect.size
     size = known_values(one)[symbol]

@@ -13,8 +13,8 @@ from sensorlab.gap.account import account
 from sensorlab.gap.effects import BLOCK, Found, columns_of
 from sensorlab.gap.evidence import Sample, effort, log_sum, normalized
 from sensorlab.gap.filters import Signature, log_likelihoods, solve
-from sensorlab.gap.scans import family_bayes, is_coarse, refined, scores
-from sensorlab.gap.signatures import SIZES, bayes_table, log_bayes
+from sensorlab.gap.scans import FINER, family_bayes, is_coarse, refined, scores
+from sensorlab.gap.signatures import SIZES, bayes_table, families, log_bayes
 
 NODE_BLOCK = 8 * BLOCK    # samples of one record at many nodes that are worked on at a
                           # time; few leave lanes and cores idle
@@ -211,8 +211,30 @@ def estimate_signature(scene, reference, family, samples, number, grids=None,
             count, number), share, grids.get(number))
     most = max(own, key=lambda one: one[2])
     first, grids[number] = sizes(most)    # where the others begin
-    pieces = [first, *(piece for piece, _ in side_by_side(sizes, [
-        one for one in own if one is not most]))]
+    return _of_sizes(scene, family, [first, *(piece for piece, _ in side_by_side(
+        sizes, [one for one in own if one is not most]))])
+
+
+def estimated_beside(scene, h, signatures, one, theta):
+    """Values (mean, sd) by symbol of a `Signature` beside others, of a hypothesis at
+    nodes theta (M, p) that are as probable each: of its size, too, over all that its
+    other parameters may be.
+    """
+    found = one.found
+    family = next(family for family in families(scene, [found.effect])
+                  if family.column == found.column)._replace(
+        variant=found.variant, low_pass=found.low_pass)
+    about = FINER.get(found.effect.search)
+    grid = about and about[0](scene, family, *(
+        found.values[p.symbol] for p in found.effect.parameters(scene)))
+    piece, _ = _sizes(h, scene, signatures, family, theta, 1.0, grid)
+    return _of_sizes(scene, family, [piece])[1].values
+
+
+def _of_sizes(scene, family, pieces):
+    """The most probable signature of a family, as for `estimate_signature`, from
+    `_Sizes`, which have a share of the probability each.
+    """
     best = max(pieces, key=lambda p: p.mass.sum((0, 2)).max())
     at = best.mass.sum((0, 2)).argmax()
     psi, variant = best.psi[at].tolist(), str(best.variant[at])
@@ -223,8 +245,7 @@ def estimate_signature(scene, reference, family, samples, number, grids=None,
 
     def expected(part):
         return float(sum((p[0] * part(p)).sum() for p in pieces) / total)
-    effect = family.effect
-    values = {}
+    effect, values = family.effect, {}
     for k, p in enumerate(effect.parameters(scene)):
         mean = expected(lambda p: p[3][:, k, None])
         variance = expected(lambda p: (p[3][:, k, None] - mean)**2)
