@@ -14,7 +14,8 @@ from scipy import signal
 import sensorid
 import sensorlab
 from sensorlab import Found, Scene
-from sensorlab.gap import account, causes, diagnosis, effects, pairs, words
+from sensorlab.gap import (
+    account, causes, diagnosis, effects, pairs, tuning, words)
 from sensorlab.gap.verdict import SLIGHT
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
@@ -234,6 +235,48 @@ def test_a_colour_is_named(effect, variant, values):
         assert abs(mean - values[symbol]) < 4.0 * sd, symbol
     (saved,) = sensorlab.augmented(d).effects[0]
     assert (saved.name, saved.variant) == (effect, variant)
+
+
+@pytest.mark.parametrize("effect, variant, values, seed", [
+    ("bandwidth", "first order", dict(tau=1.5), 1),
+    ("sinusoid", "", dict(frequency=0.0731, amplitude=0.35, phase=0.3), 0),
+    *(pytest.param(*own, marks=pytest.mark.large) for own in (
+        ("bandwidth", "first order", dict(tau=1.5), 0),
+        ("narrow_band_noise", "", dict(frequency=0.12, tau=60.0, sigma=0.6), 1),
+        ("outliers", "", dict(rate=0.02, sigma=5.0), 1)))])
+def test_a_saved_model_says_how_well_it_is_known(effect, variant, values, seed):
+    """A record ten times as long shows by how much a number would be off."""
+    sensor = sensorlab.Simulator(
+        (sensorid.hypothesis("white_noise", sigma_v=1.0),),
+        ((Found(EFFECTS[effect], "", variant, account.fixed(**values)),),))
+    first, again = (sensorlab.simulate_effects(
+        sensor, Scene(np.zeros(n), 1.0, {}), seed=seed + n).error[0]
+        for n in (1000, 10000))
+    d = sensorlab.diagnose(first, 1.0, WHITE_OF_A_RANGE)
+    assert d.verdict == effect
+    model = sensorlab.augmented(d)
+    for symbol, p in model.effects[0][0].values.items():
+        if symbol != "phase":
+            mean, sd = d.found[0].values[symbol]
+            assert abs(p.mean - mean) < sd and 0.5 * sd < p.sd < 1.1 * sd, symbol
+    assert sensorlab.diagnose(again, 1.0, model).verdict == "none"
+
+
+def test_the_frequency_of_a_line_within_a_range_is_that_of_the_record():
+    n, f = 3000, 0.07123
+    y = np.random.default_rng(1).standard_normal(n)
+    y += np.sin(2.0 * np.pi * f * np.arange(n))
+    ends = sensorid.Parameter("frequency", f - 0.001, f + 0.002)
+    line = Found(EFFECTS["sinusoid"], values=dict(
+        frequency=ends, amplitude=1.0, phase=sensorid.Parameter("phase", -3.2, 3.2)))
+    own = tuning.tuned(sensorlab.Simulator(tuple(WHITE), ((line,),)),
+                       Scene(y, 1.0, {})).effects[0][0].values["frequency"]
+    assert not own.free and own.low == pytest.approx(f, abs=0.1 / n)
+    step = Found(EFFECTS["bias_step"], values=dict(
+        onset=sensorid.Parameter("onset", 10.0, 20.0), size=1.0))
+    with pytest.raises(ValueError, match="bias_step of the simulator has a range of "
+                                         "onset"):
+        sensorlab.diagnose(y, 1.0, sensorlab.Simulator(tuple(WHITE), ((step,),)))
 
 
 def test_another_form_of_a_low_pass_is_a_wrong_parameter():

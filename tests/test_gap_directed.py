@@ -243,3 +243,36 @@ def test_an_onset_that_was_sought_without_the_outliers_is_moved_to_where_they_se
     assert abs(moved.found.values["onset"] - at) <= 1.0
     assert told.values["onset"] == (moved.found.values["onset"], 0.5)
     assert searched >= 0.0
+
+
+def test_a_size_is_known_as_well_as_what_else_its_signature_depends_on():
+    """Of a lagged temperature in white noise, against the sum over a grid of lags."""
+    rng, n = np.random.default_rng(2), 800
+    temperature = lfilter([1.0], [1.0, -0.9], rng.standard_normal(n))
+    effect = CATALOGUE["thermal_lag"]
+
+    def column(tau):
+        scene = Scene(np.zeros(n), 1.0, dict(temperature=temperature))
+        return dict(effect.columns(scene, temperature, tau))["lagged value"][:, 0]
+    y = rng.standard_normal(n) + 0.3 / column(30.0).std() * column(30.0)
+    scene = Scene(y, 1.0, dict(temperature=temperature))
+    (prior,) = effect.parameters(scene)
+    taus = prior.quantile(np.linspace(0.0, 1.0, 400))
+    fits = [np.linalg.lstsq(np.column_stack([column(tau), np.ones(n)]), y, rcond=None)
+            for tau in taus]
+    spread = np.array([1.0 / (column(tau) - column(tau).mean()).std() / np.sqrt(n)
+                       for tau in taus])
+    mass = np.exp(-0.5 * np.array([fit[1][0] for fit in fits]) + 0.5 * n) * spread
+    mass /= mass.sum()
+    size = np.array([fit[0][0] for fit in fits])
+    mean = mass @ size
+    sd = np.sqrt(mass @ ((size - mean)**2 + spread**2))
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=50.0))
+    found = Found(effect, "temperature", "lagged value", dict(
+        tau=30.0, coefficient=0.6))
+    one = filters.Signature(found, effects.columns_of(scene, found, found.values), 9.0)
+    told = directed.estimated_beside(scene, h, [], one, np.array([[1.0]]))
+    assert told["coefficient"] == (pytest.approx(mean, abs=0.3 * sd),
+                                   pytest.approx(sd, rel=0.25))
+    assert sd > 1.5 * spread[np.searchsorted(taus, 30.0)]    # that at one lag
+    assert told["tau"][0] == pytest.approx(mass @ taus, rel=0.3)

@@ -52,7 +52,7 @@ ROOMS = {    # of the laboratory; each takes only from those before it, and befo
              # folder
     "sensorlab/gap": ["costs", "effects", "catalogue", "kernels", "lowpass",
                       "unrolled", "steps", "mixtures", "filters", "evidence",
-                      "screens", "spectra", "signatures", "onsets", "scans",
+                      "screens", "spectra", "signatures", "onsets", "scans", "tuning",
                       "clipping", "readings", "account", "directed", "causes", "pairs",
                       "probes", "places", "distance", "closure", "drift", "twins",
                       "flexible", "search", "remainder", "verdict", "diagnosis",

@@ -366,8 +366,9 @@ def as_simulated(acc, scene, theta, widths=None):
     """The most probable hypothesis of an account, and its effects, with numbers for
     parameters, as a `Simulator`; of several theta (M, p), all are equally probable.
 
-    `widths` (p,) turns those of the base into ranges theta -+ width. Of a record that
-    is clipped the bias counts, as the limits stand still: it is that of the scene.
+    `widths` (p,) turns them into ranges theta -+ width, but for when something begins.
+    Of a record that is clipped the bias counts, as the limits stand still: it is that
+    of the scene.
     """
     thetas = np.atleast_2d(theta)
     sized = with_sizes(acc, scene, thetas)
@@ -410,7 +411,11 @@ def _with_numbers(acc, theta, widths, sized):
         if one.effect.factor:    # what makes a bias larger is in the base already
             h = h._replace(bias_sigma=h.bias_sigma * min(
                 acc.member.value(theta, one.key, "factor"), 1.0))
-    inside = [one._replace(values=fixed(**acc.member.of(one, scaled)))
+    around = {key: _around(p, v, w if key not in acc.member.onsets else 0.0)
+              for key, p, v, w in zip(acc.member.keys, acc.member.parameters, scaled,
+                                      widths)}
+    inside = [one._replace(values={symbol: around[one.key, symbol]
+                                   for symbol in one.values})
               for one in acc.member.effects
               if not (one.effect.reading or one.effect.factor)]
     return h, (*inside, *sized, *(r.found for r in acc.readings if r.does_something))

@@ -28,6 +28,7 @@ from sensorlab.gap.readings import as_read, compared, latent_mean, missing
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, beside_steps, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared
+from sensorlab.gap.tuning import tuned
 from sensorlab.gap.verdict import (
     all_causes, names_all, names_in, needed_duration, unknown_error, verdict_of)
 
@@ -126,8 +127,9 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     say("measuring where it differs", 2)
     had, seen = compared(raw, [one for one in simulator.pairs[0][1]
                                if one.effect.reading], simulated)
+    _check_recorded(simulator, raw)
     full, known, free, bases = _without_known(
-        simulator, raw, latent_mean(raw.y, seen),
+        tuned(simulator, raw), raw, latent_mean(raw.y, seen),
         any(r.placed for r in seen))
     if not free:
         _check_units(full, bases)
@@ -257,15 +259,12 @@ def _surely(scene, acc, trials, seed, before=None, near=None):
 
 
 def augmented(d):
-    """The `Simulator` of a diagnosis with the effects that were found: ranges of the
-    base, and of what a column or the time is times, have the posterior's mean and
-    standard deviation, the phase of a line is that of any record, a step, a pulse or a
-    wave at some time is there or not, from nothing to the size found; the rest are
-    numbers.
+    """The `Simulator` of a diagnosis with the effects that were found: ranges have the
+    posterior's mean and standard deviation, the phase of a line is that of any record,
+    what happened at some time is there or not, from nothing to the size found; when and
+    for how long, and readings, are numbers.
     """
-    to, sample = d.final.member.in_units, d.final.sample
-    # what stands beside effects of fixed numbers is where these are likely
-    theta = d.after.theta if d.final.member.effects else sample.mean
+    to, sample, theta = d.final.member.in_units, d.final.sample, d.after.theta
     # a uniform range of this half-width has that standard deviation
     width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(theta))
     (h,), (effects,) = as_simulated(d.final, d.scene, theta, width)
@@ -285,18 +284,21 @@ def augmented(d):
 
 def _of_sizes(d, effects):
     """Effects of a simulator, of which those that were found and are columns times a
-    size have it in a range, if they do not begin at some time.
+    size have their parameters in ranges, if they do not begin at some time.
     """
     result, found = list(effects), [one for one in d.found if one.effect.columns]
     at = [k for k, one in enumerate(effects) if one.effect.columns]
     for k, one in zip(at[len(at) - len(found):], found):    # the simulator's come first
-        symbol = one.effect.size
-        mean, sd = one.values[symbol]
-        least = 0.0 if symbol == "amplitude" else -np.inf
-        if one.effect.search not in SUDDEN:
-            result[k] = result[k]._replace(values={**result[k].values, symbol: Parameter(
-                symbol, max(mean - np.sqrt(3.0) * sd, least), mean + np.sqrt(3.0) * sd)
-                })
+        if one.effect.search in SUDDEN:
+            continue
+        ends = {p.symbol: (p.low, p.high) for p in one.effect.parameters(d.scene)}
+        if one.effect.size == "amplitude":
+            ends["amplitude"] = 0.0, np.inf
+        result[k] = result[k]._replace(values=dict(result[k].values, **{
+            symbol: Parameter(symbol, *np.clip(
+                mean + np.sqrt(3.0) * sd * np.array([-1.0, 1.0]),
+                *ends.get(symbol, (-np.inf, np.inf))).tolist())
+            for symbol, (mean, sd) in one.values.items()}))
     return result
 
 
@@ -311,9 +313,13 @@ ANY_PHASE = Parameter("phase", -np.pi, np.pi)
 
 
 def _there_or_not(one):
-    """What happened in a record at some time, as another record has it: of a size from
-    nothing on.
+    """What happened in a record at some time, as another record has it: of any size up
+    to its own, or a noise that changes by any ratio up to its own.
     """
+    if one.effect.drive:
+        ratio = one.values["ratio"].mean
+        return one._replace(values={**one.values, "ratio": Parameter(
+            "ratio", min(ratio, 1.0), max(ratio, 1.0), True)})
     if not one.effect.columns or one.effect.search not in SUDDEN:
         return one
     symbol = one.effect.size
@@ -343,13 +349,17 @@ def _simulator(simulator):
     if any(other != sets[0] for other in sets):
         raise ValueError("the hypotheses of the simulator have different effects: "
                          "diagnose takes one set for all")
-    for one in sets[0]:
-        if one.effect.columns and any(
-                getattr(p, "free", False) for symbol, p in one.values.items()
-                if symbol not in (one.effect.size, "phase")):
-            raise ValueError(f"{one.name} of the simulator has a range: "
-                             "diagnose needs a number for all but its size")
     return simulator
+
+
+def _check_recorded(simulator, raw):
+    """Refuse a record without a column that the simulator's effects need."""
+    for one in simulator.pairs[0][1]:
+        if one.effect.columns and one.column and one.column not in raw.columns:
+            raise ValueError(f"{one.name} of the simulator needs a column {one.column}:"
+                             " beside the error is "
+                             f"{', '.join(raw.columns) or 'nothing'} (--covariates "
+                             f"{one.column}=COLUMN says which it is)")
 
 
 def _with_ramps_as_effects(simulator):
@@ -373,11 +383,6 @@ def _without_known(simulator, raw, latent=None, centred=False):
     for one in simulator.pairs[0][1]:
         if not one.effect.columns:
             continue
-        if one.column and one.column not in raw.columns:
-            raise ValueError(f"{one.name} of the simulator needs a column {one.column}:"
-                             " beside the error is "
-                             f"{', '.join(raw.columns) or 'nothing'} (--covariates "
-                             f"{one.column}=COLUMN says which it is)")
         size, phase = (one.values.get(key) for key in (one.effect.size, "phase"))
         if any(getattr(p, "free", False) for p in one.values.values()):
             free.append(_of_unknown_size(raw, one))
