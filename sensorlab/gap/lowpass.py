@@ -2,6 +2,7 @@
 edges as smooth as it leaves them.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -18,17 +19,9 @@ class LowPass(NamedTuple):
     variant: str
     tau: float    # s
 
-    def _states(self, dt):
-        """Matrices of s <- A s + B u, which puts out C s + D u."""
-        filt = digital(self.variant, dt / self.tau)
-        (Phi,), (Gamma,), (H,) = filt.Phi, filt.Gamma, filt.H
-        return Phi[:-1, :-1], Gamma[:-1], H[:-1], Gamma[-1]
-
     def _polynomials(self, dt):
         """Of z^-1: numerator and denominator."""
-        A, B, C, D = self._states(dt)
-        above, below = ss2tf(A, B, C[None] @ A, C[None] @ B + D)
-        return above[0], below
+        return _polynomials(self.variant, dt / self.tau)
 
     def passed(self, columns, dt):
         """What comes out of columns (N, k) that were at rest before."""
@@ -52,7 +45,7 @@ class LowPass(NamedTuple):
         """A step as it is, and one that passes, as a `Shock`: less where they come to
         rest, its states decay.
         """
-        A, B, C, _ = self._states(dt)
+        A, B, C, _ = _states(self.variant, dt / self.tau)
         rest = np.linalg.solve(np.eye(len(A)) - A, B[:, 0])
         m, n = 1 + len(A), len(A)
         turned = np.zeros((2, m))
@@ -63,6 +56,21 @@ class LowPass(NamedTuple):
             turned[1, 1:] = A[0, 1], A[1, 0]
         return Shock(turned, pair, np.append(1.0, C), np.array([
             np.eye(m)[0], np.append(1.0, -A @ rest)]))
+
+
+def _states(variant, cut_off):
+    """Matrices of s <- A s + B u, which puts out C s + D u."""
+    filt = digital(variant, cut_off)
+    (Phi,), (Gamma,), (H,) = filt.Phi, filt.Gamma, filt.H
+    return Phi[:-1, :-1], Gamma[:-1], H[:-1], Gamma[-1]
+
+
+@functools.lru_cache(16)    # of thousands of columns
+def _polynomials(variant, cut_off):
+    """Of z^-1: numerator and denominator."""
+    A, B, C, D = _states(variant, cut_off)
+    above, below = ss2tf(A, B, C[None] @ A, C[None] @ B + D)
+    return above[0], below
 
 
 def low_pass_of(member, theta):
