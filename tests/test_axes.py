@@ -113,3 +113,38 @@ def test_columns_of_another_time_tell_nothing():
         "time [ms]": np.arange(9.0), "temperature": np.full(9, np.nan)})]
     with pytest.raises(ValueError, match="baro/temperature holds no numbers"):
         beside(empty, channel, ["temperature"])
+
+
+@pytest.mark.parametrize("change, why", [
+    (lambda cells: cells[:7] + ["ERR"] + cells[8:], "'ERR' in column temperature"),
+    (lambda cells: ["cold"] * len(cells), "'cold' in column temperature"),
+    (lambda cells: [""] * len(cells), "temperature holds no number")])
+def test_a_column_that_cannot_be_used_is_not_left_out_without_a_word(
+        change, why, tmp_path):
+    cells = change([f"{x:.4g}" for x in IMU["temperature"]])
+    file = tmp_path / "r.csv"
+    file.write_text("time,error,label,temperature\n" + "".join(
+        f"{t:g},{y:g},left,{cell}\n" for t, y, cell in zip(IMU["time"], Y[0], cells)))
+    record = read(file, beside=None)
+    assert not record.columns
+    (said,) = record.left_out    # of text none is expected
+    assert why in said
+
+
+def test_columns_of_another_length_or_kind_are_said(tmp_path):
+    for x, why in ((np.arange(N - 3.0), "has 37 values for 40 samples"),
+                   (Y[1] > 0.0, "holds no real numbers"),
+                   (Y[1] + 1j, "holds no real numbers")):
+        record = read(dict(error=Y[0], dt=0.1, temperature=x, g=9.81,
+                           K=np.eye(3)), beside=None)
+        assert record.left_out == (f"temperature {why}",) and not record.columns
+    assert not read(dict(error=Y[0], dt=0.1), beside=None).left_out
+
+
+def test_a_temperature_has_its_name_however_it_is_written():
+    for name in "Temperature", "TEMPERATURE [degC]", "temp", "Temp (C)":
+        source = {"error": Y[0], "dt": 0.1, name: Y[1]}
+        assert [*read(source, beside=None).columns] == ["temperature"]
+        assert [*read(source, beside=[name]).columns] == ["temperature"]
+    two = {"error": Y[0], "dt": 0.1, "temperature": Y[1], "temp": Y[2]}
+    assert [*read(two, beside=None).columns] == ["temperature", "temp"]

@@ -34,6 +34,17 @@ def test_columns_may_be_a_table():
     assert any(c.effect == "temperature" for c in answers[1].causes)
 
 
+def test_a_column_that_is_the_record_is_refused():
+    y = np.random.default_rng(3).standard_normal(300)
+    for copy in y, 5.0 - y / 0.061, np.round(y, 6):
+        with pytest.raises(ValueError, match="column raw is the record itself"):
+            sensorlab.diagnose(y, 1.0, WHITE, dict(raw=copy))
+    diagnosis.check_columns(y, dict(raw=np.round(y, 2)))
+    with pytest.raises(ValueError, match="the first inf at sample 7:"):
+        sensorlab.diagnose(y, 1.0, WHITE, dict(T=np.where(np.arange(300) == 7, np.inf, y
+                                                          )))
+
+
 def test_means_that_a_simulator_expects():
     h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5, bias_sigma=2.0)
     n = 1000

@@ -78,6 +78,10 @@ def _files(options, record):
 def _one(options, model, record, folder):
     """The record that is alone, at length."""
     unit = record.unit
+    try:
+        check_scene(record.error, record.dt, record.columns)
+    except ValueError as problem:
+        raise ValueError(f"{record.file}: {problem}") from None
     simulated = simulated_records(options, record) if options.simulated else None
     simulator = _simulator(model, simulated, record)
     try:

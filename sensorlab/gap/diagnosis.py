@@ -23,6 +23,7 @@ from sensorlab.gap.effects import (
     Found, Scene, Simulator, columns_of, known_values, members, signature_of)
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
+from sensorlab.gap.kernels import dot
 from sensorlab.gap.lowpass import SUDDEN
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing
 from sensorlab.gap.remainder import Remainder, parts, remainder
@@ -507,7 +508,27 @@ NO_READING = 1e6    # times the spread of a record: a shock to full scale is 10^
 def check_columns(y, columns):
     """Refuse columns that do not go with a record."""
     for name, x in columns.items():
-        if x.shape != y.shape or not np.isfinite(x).all():
-            raise ValueError(f"column {name} has shape {x.shape} and "
-                             f"{np.sum(~np.isfinite(x))} values that are not finite: "
-                             f"{len(y)} numbers are needed, one for every sample")
+        if x.shape != y.shape:
+            raise ValueError(f"column {name} has shape {x.shape}: {len(y)} numbers are "
+                             "needed, one for every sample")
+        if not np.isfinite(x).all():
+            k = int(np.argmin(np.isfinite(x)))
+            raise ValueError(f"column {name} has {np.sum(~np.isfinite(x))} values that "
+                             f"are not finite, the first {x[k]} at sample {k}: numbers "
+                             "are needed, one for every sample")
+        if _is_record(y, x):
+            raise ValueError(f"column {name} is the record itself, but for an offset "
+                             "and a factor: it would explain all of it; leave it out "
+                             "(--covariates says which columns are used)")
+
+
+COPY = 1e-5    # of the spread of a record, that a copy of it leaves: it was printed
+               # with so many digits
+
+
+def _is_record(y, x):
+    """Does a column leave nothing of a record?"""
+    seen = ~np.isnan(y)
+    y, x = y[seen] - y[seen].mean(), x[seen] - x[seen].mean()
+    xx, yy = dot(x, x), dot(y, y)
+    return xx > 0.0 and yy > 0.0 and 1.0 - dot(x, y)**2 / (xx * yy) < COPY**2

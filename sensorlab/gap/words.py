@@ -345,7 +345,8 @@ def added_names(d):
 
 def told(d, record, unit):
     """The diagnosis as sentences and tables, in order."""
-    yield f"{record.heading}; beside it: {', '.join(record.columns) or 'nothing'}"
+    yield f"{record.heading}; beside it: {', '.join(record.columns) or 'nothing'}" + (
+        f" (not used: {'; '.join(record.left_out)})" if record.left_out else "")
     yield f"verdict: {d.verdict}" + (
         ", alone or with another effect" if d.causes[0].probability < SURE
         and d.verdict != "undecided" else "")

@@ -53,6 +53,7 @@ class Recording(NamedTuple):
     unit: str = ""       # u, where the source says it
     clock: str = ""      # where dt comes from, in words
     axes: tuple = ()     # further columns that are none of these: other axes
+    left_out: tuple = ()    # why others are none of these, in words
 
     @property
     def heading(self):
@@ -211,7 +212,9 @@ def _recording(origin, groups, channel, dt, resample, allow_missing, beside):
     columns = {printable(name): _filled(clock.placed(x)) for name, x in columns.items()}
     return Recording(printable(origin), printable(channel.name), even, float(clock.dt),
                      columns, printable(channel.unit), printable(clock.said),
-                     tuple(map(printable, others)))
+                     tuple(map(printable, others)), tuple(map(
+                         printable, covariates.left_out(channel)
+                         if beside is None else ())))
 
 
 def _filled(x):

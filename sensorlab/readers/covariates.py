@@ -5,10 +5,11 @@ their clocks.
 import numpy as np
 
 from sensorlab.readers.axes import vectors
-from sensorlab.readers.channels import UNIT, channels, find, real
+from sensorlab.readers.channels import MIN_SAMPLES, UNIT, channels, find, real
 from sensorlab.readers.clocks import since_zero, stamps, tells_time
 
 NAMED = {"temperature", "rate", "acceleration"}    # that effects are looked for by
+SHORT = dict(temp="temperature")
 UNCOVERED = 0.1    # of a record: a column of another clock that leaves more of it out
                    # is none
 
@@ -23,8 +24,8 @@ def beside(groups, channel, wanted=None):
     """
     own, axes = _of_group(channel)
     if wanted is None:
-        return {name: x for name, x in own.items() if name not in axes
-                and not _counts(x)}, axes
+        return _by_known_names({name: x for name, x in own.items() if name not in axes
+                                and not _counts(x)}), axes
     chosen = {}
     for part in wanted:
         new, _, old = part.rpartition("=")
@@ -36,7 +37,17 @@ def beside(groups, channel, wanted=None):
         else:
             name, x = _of_another(groups, channel, old, own)
             chosen[new or name] = x
-    return chosen, ()
+    return _by_known_names(chosen), ()
+
+
+def _by_known_names(columns):
+    """Columns, of which Temperature, or temp, is the temperature, and so on."""
+    result = {}
+    for name, x in columns.items():
+        known = SHORT.get(name.lower(), name.lower())
+        result[known if known in NAMED and known not in columns and known not in result
+               else name] = x
+    return result
 
 
 def _of_group(channel):
@@ -61,6 +72,29 @@ def _of_group(channel):
             if is_axis and c.name in of_axes and name not in NAMED:
                 axes.append(name)
     return found, tuple(axes)
+
+
+def left_out(channel):
+    """Why columns of a channel's own group are not among those beside it, in words:
+    such as hold numbers, but for a few cells or for their length, and those that
+    effects are looked for by. Text beside a record is none.
+    """
+    group, samples = channel.group, len(channel.values)
+    for name, x in group.arrays.items():
+        known = UNIT.sub("", name) in NAMED
+        if name in (channel.array, group.clock) or tells_time(name) or x.ndim > 2 or (
+                x.size < MIN_SAMPLES):
+            continue
+        if name in group.refused:
+            if known or real(x):
+                yield group.refused[name]
+        elif not real(x):
+            if known or x.dtype.kind in "bc":
+                yield f"{name} holds no real numbers"
+        elif samples not in x.shape:
+            yield f"{name} has {max(x.shape)} values for {samples} samples"
+        elif np.isnan(x).all():
+            yield f"{name} holds no number"
 
 
 def _counts(x):
