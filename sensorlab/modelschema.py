@@ -15,7 +15,6 @@ from sensorlab.foreign import datasheet
 from sensorlab.foreign.parts import FOREIGN
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Scene, psi_of
-from sensorlab.gap.lowpass import SUDDEN
 
 POSITIVE, NOT_NEGATIVE = dict(exclusiveMinimum=0), dict(minimum=0)
 
@@ -144,7 +143,7 @@ def _of_effect(effect):
             column=dict(type="string", minLength=1) if effect.column else
             dict(enum=[None, ""]),
             variant=dict(enum=[None, *dict.fromkeys(["", *variants])]),
-            **({} if effect.search in SUDDEN else dict(low_pass=dict(type="null")))),
+            **({} if effect.begins else dict(low_pass=dict(type="null")))),
         required=["column"] if effect.column else [])
 
 

@@ -24,7 +24,6 @@ from sensorlab.gap.effects import (
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.kernels import dot
-from sensorlab.gap.lowpass import SUDDEN
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, beside_steps, narrowed, search
@@ -290,7 +289,7 @@ def _of_sizes(d, effects):
     result, found = list(effects), [one for one in d.found if one.effect.columns]
     at = [k for k, one in enumerate(effects) if one.effect.columns]
     for k, one in zip(at[len(at) - len(found):], found):    # the simulator's come first
-        if one.effect.search in SUDDEN:
+        if one.effect.begins:
             continue
         ends = {p.symbol: (p.low, p.high) for p in one.effect.parameters(d.scene)}
         if one.effect.size == "amplitude":
@@ -321,7 +320,7 @@ def _there_or_not(one):
         ratio = one.values["ratio"].mean
         return one._replace(values={**one.values, "ratio": Parameter(
             "ratio", min(ratio, 1.0), max(ratio, 1.0), True)})
-    if not one.effect.columns or one.effect.search not in SUDDEN:
+    if not one.effect.begins:
         return one
     symbol = one.effect.size
     size = known_values(one)[symbol]

@@ -130,6 +130,11 @@ class Effect(NamedTuple):
     experiment: str = ""        # what tells them apart
 
     @property
+    def begins(self):
+        """Do its columns begin at some time?"""
+        return bool(self.columns) and self.search in ("onset", "pulse", "waves")
+
+    @property
     def may_repeat(self):
         """May a simulator have several?"""
         return bool(self.columns) or self.search == "band"

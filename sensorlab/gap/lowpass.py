@@ -79,13 +79,10 @@ def low_pass_of(member, theta):
                  for one in member.effects if one.variant in one.effect.of_all), None)
 
 
-SUDDEN = "onset", "pulse", "waves"    # searches for what has edges
-
-
 def families_passing(low_pass, listed):
     """Families of signatures of which a low-pass smooths the edges, as they pass it."""
     return [family._replace(low_pass=low_pass) for family in listed
-            if family.effect.search in SUDDEN]
+            if family.effect.begins]
 
 
 def signature_passing(low_pass, one, scene, every):
@@ -93,8 +90,8 @@ def signature_passing(low_pass, one, scene, every):
     this one.
     """
     found = one.found
-    if found.low_pass == low_pass or one.given or found.effect.search not in SUDDEN or (
-            not (found.low_pass or every)):
+    if not found.effect.begins or one.given or found.low_pass == low_pass or not (
+            found.low_pass or every):
         return one
     found = found._replace(low_pass=low_pass)
     return one._replace(found=found, columns=columns_of(scene, found, found.values))

@@ -6,7 +6,6 @@ import numpy as np
 
 from sensorlab.gap.effects import columns_of, members
 from sensorlab.gap.filters import Signature, solve
-from sensorlab.gap.lowpass import SUDDEN
 from sensorlab.gap.scans import SCANS
 from sensorlab.gap.signatures import Family, scores_at
 
@@ -25,7 +24,7 @@ def tuned(simulator, scene):
     effects = list(simulator.pairs[0][1])
     for number, one in enumerate(effects):
         ranged = _ranged(one)
-        if ranged and one.effect.search in SUDDEN:
+        if ranged and one.effect.begins:
             raise ValueError(f"{one.name} of the simulator has a range of "
                              f"{', '.join(ranged)}: diagnose needs numbers where "
                              "something begins at some time, but for its size")
