@@ -249,10 +249,10 @@ def test_a_colour_is_named(effect, variant, values):
 
 
 @pytest.mark.parametrize("effect, variant, values, seed", [
-    ("bandwidth", "first order", dict(tau=1.5), 1),
     ("sinusoid", "", dict(frequency=0.0731, amplitude=0.35, phase=0.3), 0),
     *(pytest.param(*own, marks=pytest.mark.large) for own in (
         ("bandwidth", "first order", dict(tau=1.5), 0),
+        ("bandwidth", "first order", dict(tau=1.5), 1),
         ("narrow_band_noise", "", dict(frequency=0.12, tau=60.0, sigma=0.6), 1),
         ("outliers", "", dict(rate=0.02, sigma=5.0), 1)))])
 def test_a_saved_model_says_how_well_it_is_known(effect, variant, values, seed):
@@ -572,9 +572,9 @@ def test_a_low_pass_is_seen_beside_a_walk(sigma_w, passes):
     assert abs(mean - tau) < 3.0 * sd
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("passes, form", [
-    (True, "digital first order"), pytest.param(
-        False, "digital first order white noise", marks=pytest.mark.large)])
+    (True, "digital first order"), (False, "digital first order white noise")])
 def test_a_walk_is_found_before_a_low_pass_and_behind_it(passes, form):
     w, walk = np.random.default_rng(1).standard_normal((2, 2600))
     walk = 0.01 * np.cumsum(walk)
