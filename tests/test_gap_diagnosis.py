@@ -573,6 +573,19 @@ def test_a_low_pass_is_seen_beside_a_walk(sigma_w, passes):
 
 
 @pytest.mark.large
+@pytest.mark.parametrize("order, form", [(1, "digital first order"), (2, "digital")])
+def test_a_cut_off_just_below_half_the_rate_is_known(order, form):
+    """No digital filter has one above it."""
+    y = signal.lfilter(*signal.butter(order, 0.92), np.random.default_rng(0
+                                                ).standard_normal(1200))[200:]
+    d = sensorlab.diagnose(y, 1.0, WHITE)
+    (found,) = d.found
+    assert (d.verdict, found.variant) == ("bandwidth", form)
+    mean, sd = found.values["tau"]
+    assert abs(mean - 1.0 / (0.92 * np.pi)) < 3.0 * sd and sd < 0.02 * mean
+
+
+@pytest.mark.large
 @pytest.mark.parametrize("passes, form", [
     (True, "digital first order"), (False, "digital first order white noise")])
 def test_a_walk_is_found_before_a_low_pass_and_behind_it(passes, form):

@@ -53,7 +53,7 @@ def butterworth(tau, times):
     return result
 
 
-@pytest.mark.parametrize("tau", [0.5, 9.0])
+@pytest.mark.parametrize("tau", [0.33, 0.5, 9.0])
 @pytest.mark.parametrize("order, variant", [(1, "digital first order"), (2, "digital")])
 @pytest.mark.parametrize("model, theta", [
     ("random_walk", dict(sigma_w=0.1)),

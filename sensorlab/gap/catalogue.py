@@ -349,7 +349,7 @@ def _settled(A, b):
     return _solved(np.eye(m * m) - both, square).reshape(*b.shape[:-1], m, m)
 
 
-MOST_WARPED = 1.4    # radians: a higher cut-off is taken for 0.45 of the sampling rate
+MOST_WARPED = 1.55    # radians: a higher cut-off is taken for 0.493 of the rate
 ZERO = 0.998    # for 1, of the zeros at half the sampling rate: no sensor is as silent
                 # there as arithmetic would have it
 
