@@ -625,7 +625,8 @@ class Solved(NamedTuple):
     parts: Parts
     rounding: np.ndarray   # (M,) share of an information that is but rounding
     filter: Filter = None  # of the only node, beside which the bank is slow
-    passed: np.ndarray = None    # (M, N) as `steps`, of steps that pass a low-pass
+    passed: np.ndarray = None    # (M, N) as `steps`, of steps that pass a low-pass, if
+                                 # there is one
 
     __repr__ = brief
 
@@ -641,7 +642,7 @@ class Solved(NamedTuple):
             self.rounding[own], passed=self.passed[own])
 
     def cut(self, first, last):
-        """The same, for what is 0 but from the first sample to the last."""
+        """The same, for what is 0 but from the first sample to the last: no steps."""
         own = slice(first, last)
         b, parts = cut(self.bank, self.parts, first, last)
         return self._replace(residual=self.residual[:, own], w=self.w[..., own],
