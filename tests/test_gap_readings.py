@@ -5,6 +5,7 @@ import pytest
 from conftest import DT, MODEL, WHITE
 from numpy.testing import assert_allclose
 from scipy.signal import butter, lfilter
+from scipy.stats import norm
 
 import sensorid
 import sensorlab
@@ -558,3 +559,22 @@ def test_what_a_logger_writes_for_no_value_is_no_limit():
     assert catalogue.lattice(np.where(np.arange(3000) == 7, 2.0**31, y)) == 0.0
     with pytest.raises(ValueError, match=r"sample 7 is 2.14748e\+09, where half of"):
         sensorlab.diagnose(np.where(np.arange(3000) == 7, 2.0**31, y), DT, WHITE)
+
+
+def test_the_noise_of_a_saved_model_is_that_before_coarse_rounding():
+    """Against the likelihood of rounded normal values, the bias summed over."""
+    y = 3.0 * np.round(np.random.default_rng(301).standard_normal(1000) / 3.0)
+    sigma, bias = np.linspace(0.5, 2.0, 301)[:, None], np.linspace(-0.6, 0.6, 121)
+    ln_p = sum(np.sum(y == code) * np.log(
+        norm.cdf((code + 1.5 - bias) / sigma) - norm.cdf((code - 1.5 - bias) / sigma)
+        + 1e-300) for code in np.unique(y))
+    mass = np.exp(ln_p - ln_p.max()).sum(1)
+    mean = mass @ sigma[:, 0] / mass.sum()
+    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis(
+        "white_noise", sigma_v=(0.3, 3.0))])
+    assert d.verdict == "quantization"
+    model = sensorlab.augmented(d)
+    (p,) = model.hypotheses[0].parameters
+    assert p.mean == pytest.approx(mean, abs=0.03) and p.low < 1.0 < p.high
+    drawn = sensorlab.simulate_effects(model, Scene(y, DT, {}), 20).error
+    assert np.std(drawn, axis=1).mean() == pytest.approx(np.std(y), rel=0.1)

@@ -10,7 +10,7 @@ from scipy.stats.qmc import LatinHypercube
 
 from sensorid import (
     Parameter, as_hypotheses, as_samples, at_quantiles, brief, free_columns,
-    mean_square, one_thread_if, random_walk, rate_ramp)
+    mean_square, one_thread_if, random_walk, rate_ramp, simulate)
 from sensorlab.gap.account import (
     Account, account, as_simulated, bias_of, fixed, in_place, with_tails)
 from sensorlab.gap.catalogue import CATALOGUE, snapped
@@ -24,7 +24,8 @@ from sensorlab.gap.effects import (
 from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.kernels import dot
-from sensorlab.gap.readings import as_read, compared, latent_mean, missing
+from sensorlab.gap.readings import (
+    SMOOTH, as_read, compared, latent_law, latent_mean, missing)
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, beside_steps, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared
@@ -277,9 +278,32 @@ def augmented(d):
     if not base.bias_given:    # nobody has said how large it may be
         mean, sd = bias_of(d.final, as_read(d.scene, d.final.readings))
         bias_sigma = float(np.hypot(offset + mean, sd))
-    h = h._replace(bias_sigma=bias_sigma, bias_given=True)
+    h = _before_rounding(d, h)._replace(bias_sigma=bias_sigma, bias_given=True)
     return Simulator((h,), (tuple(map(_at_any_phase, (
         *d.known, *map(_there_or_not, effects)))),))
+
+
+LATENTS = 32    # simulated records that tell how far values of a hypothesis lie apart
+
+
+def _before_rounding(d, h):
+    """A hypothesis, its noises by one factor as strong together as what was rounded to
+    counts so coarse that rounding adds no white noise, if nothing else was found.
+    """
+    lsb = max((r.found.values.get("lsb", 0.0) for r in d.final.readings
+               if r.coarse or r.opaque), default=0.0)
+    if not lsb or any(not one.effect.reading for one in d.found):
+        return h
+    _, sigma = latent_law(d.scene.y + d.scene.known, (-np.inf, np.inf), lsb)
+    if lsb < SMOOTH * sigma:
+        return h
+    number = h._replace(bias_sigma=0.0, parameters=tuple(
+        p._replace(low=p.mean, high=p.mean) for p in h.parameters))
+    drawn = simulate([number], d.scene.dt, len(d.scene.y), LATENTS).error
+    factor = sigma / float(np.sqrt(np.mean(np.var(drawn, axis=1))))
+    return h._replace(parameters=tuple(
+        p._replace(low=factor * p.low, high=factor * p.high)
+        if p.symbol.startswith("sigma") else p for p in h.parameters))
 
 
 def _of_sizes(d, effects):

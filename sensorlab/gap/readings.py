@@ -360,8 +360,14 @@ def latent_mean(y, seen):
     coarse = [r.found.values["lsb"] for r in seen if r.coarse]
     if not limits and not coarse:
         return None
-    ends, half = (limits or [(-np.inf, np.inf)])[0], 0.5 * (coarse or [0.0])[0]
-    y = y[~np.isnan(y)]
+    return latent_law(y, (limits or [(-np.inf, np.inf)])[0], (coarse or [0.0])[0])[0]
+
+
+def latent_law(y, ends, lsb):
+    """Mean and standard deviation that the values of a record most likely had before
+    they were clipped at two ends and rounded to a lattice, if they are normal.
+    """
+    half, y = 0.5 * lsb, y[~np.isnan(y)]
     inside = y[(y > ends[0]) & (y < ends[1])]
     clipped = [(sign, end, np.sum(sign * (y - end) >= 0.0))
                for sign, end in zip((-1.0, 1.0), ends) if np.isfinite(end)]
@@ -377,8 +383,9 @@ def latent_mean(y, seen):
             law = -0.5 * z * z - at[1]
         return -count @ law - sum(number * log_ndtr(sign * (mean - end) / sigma)
                                   for sign, end, number in clipped)
-    return float(minimize(misfit, [start.mean(), np.log(start.std())],
-                          method="Nelder-Mead").x[0])
+    mean, log_sigma = minimize(misfit, [start.mean(), np.log(start.std())],
+                               method="Nelder-Mead").x
+    return float(mean), float(np.exp(log_sigma))
 
 
 TINY = 1e-300    # a probability that has a logarithm

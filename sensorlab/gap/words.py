@@ -243,7 +243,7 @@ def left(d):
     for r in d.final.readings:
         if r.opaque:
             hiding = ("so many clipped samples" if "limits" in r.found.values else
-                      "counts more than four times as coarse as the noise")
+                      "counts about three times as coarse as the noise, or more,")
             yield (f"{hiding} hide the rest: other effects were not looked for, nor "
                    "was it judged whether what is left is one")
         elif r.coarse:
