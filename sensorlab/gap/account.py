@@ -406,22 +406,22 @@ def _with_numbers(acc, theta, widths, sized):
     widths = np.zeros(len(theta)) if widths is None else widths
     scaled = acc.member.in_units(theta)
     h = base._replace(bias_sigma=0.0 if placed else base.bias_sigma, parameters=tuple(
-        _around(p, v, w) for p, v, w in zip(base.parameters, scaled, widths)))
+        around(p, v, w) for p, v, w in zip(base.parameters, scaled, widths)))
     for one in acc.member.effects:
         if one.effect.factor:    # what makes a bias larger is in the base already
             h = h._replace(bias_sigma=h.bias_sigma * min(
                 acc.member.value(theta, one.key, "factor"), 1.0))
-    around = {key: _around(p, v, w if key not in acc.member.onsets else 0.0)
-              for key, p, v, w in zip(acc.member.keys, acc.member.parameters, scaled,
-                                      widths)}
-    inside = [one._replace(values={symbol: around[one.key, symbol]
+    known = {key: around(p, v, w if key not in acc.member.onsets else 0.0)
+             for key, p, v, w in zip(acc.member.keys, acc.member.parameters, scaled,
+                                     widths)}
+    inside = [one._replace(values={symbol: known[one.key, symbol]
                                    for symbol in one.values})
               for one in acc.member.effects
               if not (one.effect.reading or one.effect.factor)]
     return h, (*inside, *sized, *(r.found for r in acc.readings if r.does_something))
 
 
-def _around(p, value, width):
+def around(p, value, width):
     """A parameter known to +- width, within its prior if the value is."""
     low = max(value - width, p.low) if value >= p.low else value
     high = min(value + width, p.high) if value <= p.high else value

@@ -445,8 +445,7 @@ def _rests_on_rounding(acc, scene):
               default=0.0)
     if not (lsb and acc.member.has_jumps):
         return False
-    h = acc.member._replace(effects=tuple(
-        one for one in acc.member.effects if not one.effect.jumps))
+    h = acc.member.without_jumps
     quiet = filter_of(h, scene, acc.signatures, acc.member.matching(h, acc.theta),
                       np.isnan(scene.y))
     noise = np.exp(0.5 * np.median(quiet.log_f))
@@ -756,6 +755,7 @@ def in_best_forms(full, acc, found):
         return acc
     scene = as_read(full, acc.readings)
     head = slice(None if acc.member.onsets else HEAD)
+    seen = scene.cut(head)
     for number in in_forms:
         own = _inside(acc, found, number)
         forms = [(hypotheses, signatures) for form, hypotheses in _different(
@@ -764,7 +764,7 @@ def in_best_forms(full, acc, found):
             for signatures in _before_or_after(acc, hypotheses, scene)]
         if len(forms) < 2:
             continue
-        here, *others = side_by_side(lambda form: _near(scene.cut(head), [
+        here, *others = side_by_side(lambda form: _near(seen, [
             s._replace(columns=s.columns[head]) for s in form[1]], acc,
             form[0][acc.best], own.key), forms)
         best = int(np.argmax(others))

@@ -12,7 +12,7 @@ from sensorid import (
     Parameter, as_hypotheses, as_samples, at_quantiles, brief, free_columns,
     mean_square, one_thread_if, random_walk, rate_ramp, simulate)
 from sensorlab.gap.account import (
-    Account, account, as_simulated, bias_of, fixed, in_place, with_tails)
+    Account, account, around, as_simulated, bias_of, fixed, in_place, with_tails)
 from sensorlab.gap.catalogue import CATALOGUE, snapped
 from sensorlab.gap.causes import Cause, estimated_together
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
@@ -269,7 +269,7 @@ def augmented(d):
     # a uniform range of this half-width has that standard deviation
     width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(theta))
     (h,), (effects,) = as_simulated(d.final, d.scene, theta, width)
-    effects = _of_sizes(d, effects)
+    effects = _with_ranges(d, effects)
     known = sum((signature_of(d.scene, one, known_values(one))
                  for one in d.known), 0.0)
     offset = float(np.mean(d.scene.known - known))
@@ -306,7 +306,7 @@ def _before_rounding(d, h):
         if p.symbol.startswith("sigma") else p for p in h.parameters))
 
 
-def _of_sizes(d, effects):
+def _with_ranges(d, effects):
     """Effects of a simulator, of which those that were found and are columns times a
     size have their parameters in ranges, if they do not begin at some time.
     """
@@ -315,14 +315,12 @@ def _of_sizes(d, effects):
     for k, one in zip(at[len(at) - len(found):], found):    # the simulator's come first
         if one.effect.begins:
             continue
-        ends = {p.symbol: (p.low, p.high) for p in one.effect.parameters(d.scene)}
-        if one.effect.size == "amplitude":
-            ends["amplitude"] = 0.0, np.inf
-        result[k] = result[k]._replace(values=dict(result[k].values, **{
-            symbol: Parameter(symbol, *np.clip(
-                mean + np.sqrt(3.0) * sd * np.array([-1.0, 1.0]),
-                *ends.get(symbol, (-np.inf, np.inf))).tolist())
-            for symbol, (mean, sd) in one.values.items()}))
+        least = 0.0 if one.effect.size == "amplitude" else -np.inf
+        within = [*one.effect.parameters(d.scene), Parameter(
+            one.effect.size, least, np.inf)]
+        result[k] = result[k]._replace(values={**result[k].values, **{
+            p.symbol: around(p, mean, np.sqrt(3.0) * sd)
+            for p in within for mean, sd in [one.values[p.symbol]]}})
     return result
 
 

@@ -330,6 +330,12 @@ class Member(NamedTuple):
         return Jumps(*(sum(part) for part in zip(*parts)))
 
     @property
+    def without_jumps(self):
+        """The same without effects that jump."""
+        return self._replace(effects=tuple(
+            one for one in self.effects if not one.effect.jumps))
+
+    @property
     def has_jumps(self):
         return any(one.effect.jumps for one in self.effects)
 

@@ -496,7 +496,7 @@ def explained(h, scene, signatures, theta):
     """What bias and signatures are expected to explain of the record of a scene, (N,),
     at theta (p,), jumps left aside.
     """
-    less = h._replace(effects=tuple(one for one in h.effects if not one.effect.jumps))
+    less = h.without_jumps
     size = estimated(less, scene, signatures, h.matching(less, theta)[None]).size[0, 0]
     return sum((s.columns @ own for s, own in zip(signatures, np.split(
         size, np.cumsum([s.columns.shape[1] for s in signatures])))), size[-1])
@@ -691,7 +691,7 @@ def solve(h, scene, signatures, theta, low_pass=None):
 
 
 TURNS = 4.0 * np.geomspace(1e-4, 1.0, 64)    # |1 - exp(-i w)|^2 where edges are seen
-LITTLE = 1e-9    # rounding that does no harm
+HARMLESS = 1e-9    # share of an information, as rounding
 TRIED, TIMES = 4, 10.0    # steps whose information is computed twice, and how many
                           # times as large the rounding may be as that shows
 
@@ -707,7 +707,7 @@ def _rounding(spectra, b, parts, observed, steps):
         S = (q / ((1.0 - a)**2 + a * TURNS)).real.sum(1) + there.r.min(1, keepdims=True)
         apart = np.maximum(apart, S.max(1) / np.maximum(S.min(1), EPSILON * S.max(1)))
     result = EPSILON * apart
-    if (result < LITTLE).all():
+    if (result < HARMLESS).all():
         return result
     seen = np.flatnonzero(observed)
     at = seen[(np.arange(1, TRIED + 1) * len(seen)) // (TRIED + 1)]

@@ -16,9 +16,8 @@ from sensorlab.gap.signatures import (
     Grid, Scan, Scores, blocks, information, resolved, scores_at, unnamed)
 
 
-def step_scores(scene, family, solved):
+def step_scores(scene, solved):
     """`Scores` of steps at every onset."""
-    solved = solved.before(family.low_pass, scene.dt)
     size, J = np.empty((2, len(solved.base), len(scene.y) - 1))
     for node in range(len(solved.base)):
         _step_sizes(node, *solved[1:5], solved.rounding[node], size[node], J[node])
@@ -26,7 +25,8 @@ def step_scores(scene, family, solved):
 
 
 def step_scan(scene, family, one):
-    yield Scan(step_scores(scene, family, one).gain[0], 1, lambda number: (
+    passed = one.before(family.low_pass, scene.dt)
+    yield Scan(step_scores(scene, passed).gain[0], 1, lambda number: (
         scene.time[1 + number], unnamed(number)))
 
 
@@ -138,7 +138,8 @@ def span_scan(scene, family, one):
     if not set(variants) <= set(SHAPES):
         raise ValueError(f"effect {family.effect.name}, which is searched as a pulse, "
                          f"has the forms {variants}: they must be among {list(SHAPES)}")
-    residual = one.before(family.low_pass, scene.dt).residual[0, 1:]
+    passed = one.before(family.low_pass, scene.dt)
+    residual = passed.residual[0, 1:]
     left = residual[::-1].cumsum()[::-1]
     # a sum of the past is held against the sum of what is left
     sums = {(False, 1): residual, (True, 1): np.append(left[1:], 0.0)}
@@ -168,7 +169,7 @@ def span_scan(scene, family, one):
         yield _about_onset(scene, family._replace(variant=variant), one, onset, n)
     if RECTANGULAR in variants:
         yield from _between_edges(scene, family._replace(variant=RECTANGULAR), one,
-                                  best)
+                                  passed, best)
 
 
 def _finer(gain, psi, variant, log_share):
@@ -233,13 +234,12 @@ def _sums_over(x, n, every, w, rho, last, result):
         result[k] = (w * total).real
 
 
-def _between_edges(scene, family, one, best):
+def _between_edges(scene, family, one, passed, best):
     """`Scan`, if there are any, of pulses between the likeliest onsets of steps of
     opposite sign, and between the likeliest edges near the `best` of a grid, each of
     which is an onset, samples and their information.
     """
-    steps = step_scores(scene, family, one)
-    residual = one.before(family.low_pass, scene.dt).residual[0]
+    steps, residual = step_scores(scene, passed), passed.residual[0]
     size, peaks = steps.size[0], _most_prominent(steps.gain[0])
     log_n, log_J = np.log([own[1:] for own in best]).T
     powers = np.gradient(log_J, log_n) if len(best) > 1 else np.ones(1)

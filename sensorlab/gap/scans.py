@@ -100,6 +100,7 @@ def _wave_scan(scene, family, one):
     the residual behind an onset, weighted as they rise and fall; and the same, finer,
     about the best of them.
     """
+    one = one.before(family.low_pass, scene.dt)
     _, duration, _ = family.effect.parameters(scene)
     longest = min(int(duration.high / scene.dt), LONGEST)
     lengths = np.exp(np.arange(np.log(min(MIN_RINGING, longest)), np.log(longest + 1.0),
@@ -150,8 +151,7 @@ def _waves(scene, family, one, n, onsets):
     # where samples are missing, they are most nearly whole
     J = J * max(part.mean() for part in np.array_split(~np.isnan(scene.y), STRETCHES))
     J = np.maximum(J, ROUNDED * J.max())
-    residual = one.before(family.low_pass, scene.dt).residual[0]
-    behind = sliding_window_view(np.append(residual, np.zeros(L)), L)[
+    behind = sliding_window_view(np.append(one.residual[0], np.zeros(L)), L)[
         onsets.start:onsets.stop:onsets.step]
     rows = max(BLOCK // L, 1)
     for first in range(0, len(behind), rows):
@@ -301,7 +301,7 @@ def scores(scene, family, solved):
     """`Scores` of all signatures of a family that has a list of them, or steps."""
     if family.psi is not None:
         return scores_at(scene, family, solved)
-    return step_scores(scene, family, solved)
+    return step_scores(scene, solved.before(family.low_pass, scene.dt))
 
 
 def is_coarse(scene, family):

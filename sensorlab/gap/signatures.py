@@ -13,7 +13,7 @@ from numba import njit
 from sensorid import INSIDE, brief
 from sensorlab.gap.catalogue import CATALOGUE, LASTS
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
-from sensorlab.gap.filters import LITTLE, cut, summed
+from sensorlab.gap.filters import HARMLESS, cut, summed
 from sensorlab.gap.kernels import KERNEL, row_products
 
 # ---- Bayes factor of a size
@@ -365,7 +365,7 @@ def information(scene, columns, solved):
     c, M = solved.w.shape[:2]
     cross = row_products(solved.w.reshape(-1, N), rows).reshape(c, M, m, k)
     J = squares - np.einsum("cmak,mcd,dmal->makl", cross, solved.cov, cross)
-    if solved.rounding.max() > LITTLE:
+    if solved.rounding.max() > HARMLESS:
         some = solved.rounding[:, None] * np.trace(squares, axis1=2, axis2=3) / k
         J += np.maximum(some - np.linalg.eigvalsh(J)[..., 0], 0.0)[
             ..., None, None] * np.eye(k)

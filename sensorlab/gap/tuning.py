@@ -46,9 +46,7 @@ def _ranged(one):
 def _best(simulator, effects, number, symbol, scene):
     """The value of a parameter at which an effect explains most, beside the others."""
     own, spread = effects[number], float(np.nanstd(scene.y)) or 1.0
-    member = members(simulator, scene)[0]
-    member = member._replace(effects=tuple(
-        one for one in member.effects if not one.effect.jumps))
+    member = members(simulator, scene)[0].without_jumps
     theta = np.array([[p.mean for p in member.parameters]])
     others = [Signature(one, columns_of(scene, one, _at_middle(one)), spread)
               for k, one in enumerate(effects) if one.effect.columns and k != number]
