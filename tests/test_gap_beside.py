@@ -1,8 +1,9 @@
 """What a simulator has already does not hide what it lacks."""
 
+import generator
 import numpy as np
 import pytest
-from conftest import DT, member
+from conftest import DT, diagnosed, member
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sensorid
@@ -43,6 +44,12 @@ def test_what_is_missing_is_named_beside_what_is_known(known, missing):
     for symbol, (mean, sd) in d.found[0].values.items():
         if symbol in SIZES[missing] and symbol != "phase":
             assert abs(mean - SIZES[missing][symbol]) < 4.0 * sd, symbol
+
+
+def test_a_process_is_found_beside_a_change_of_noise_at_an_unknown_time():
+    made = generator.record(2026, 1370, ("correlated_noise", "noise_step"), 3)
+    d = diagnosed(made, effects=[CATALOGUE[name] for name in made["truth"]])
+    assert set(d.verdict.split("+")) == set(made["truth"]), d.causes[:3]
 
 
 def test_outliers_that_come_together_are_not_masked():

@@ -60,6 +60,19 @@ def test_a_guess_of_a_far_sharper_posterior_needs_few_points():
     assert len(asked) == 1
 
 
+def test_what_a_guess_says_nothing_of_is_sought_before_all_is_hopeless():
+    """The points of a guess that has one parameter as in its prior miss a sharp law."""
+    parameters = tuple(sensorid.Parameter(s, 0.0, 1.0) for s in "abcd")
+    law = multivariate_normal([0.3, 0.6, 0.5, 0.8], 1e-6)
+
+    def log_likelihood(theta):
+        return law.logpdf(theta).reshape(-1, 1)
+    at, width = np.append(ndtri(law.mean[:3]), 0.0), np.append(np.full(3, 1e-5), 1.0)
+    s = evidence.integrate(log_likelihood, parameters, [(at, np.diag(width))],
+                           floor=-4.0)
+    assert abs(s.log_evidence[0]) < 0.6
+
+
 def test_a_climb_finds_mode_and_covariance_of_a_gaussian():
     C = np.array([[0.04, 0.03, 0.0], [0.03, 0.05, 0.001], [0.0, 0.001, 1e-4]])
     law = multivariate_normal([0.5, -1.0, 2.0], C)

@@ -13,9 +13,9 @@ from sensorlab.gap.account import (
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import (
-    directed, estimate_signature, estimated_beside, nodes_for, onsets_nearby)
+    around, directed, estimate_signature, estimated_beside, nodes_for, onsets_nearby)
 from sensorlab.gap.effects import Effect, Found
-from sensorlab.gap.evidence import HOPELESS_NATS, effort
+from sensorlab.gap.evidence import HOPELESS_NATS, effort, onset_law
 from sensorlab.gap.filters import filter_of, log_likelihoods, predict
 from sensorlab.gap.lowpass import families_passing, low_pass_of, signature_passing
 from sensorlab.gap.readings import NOISY, as_read, less_rounding
@@ -414,9 +414,10 @@ def _told_by_spectra(richer, scene, acc):
         laws = guesses_from(acc, number, h, scene, acc.signatures)
         if not laws:
             return -np.inf
-        means = np.array([mean for mean, _ in laws])
-        ll = log_likelihoods(h, scene, acc.signatures, at_quantiles(
-            h.parameters, ndtr(means)))
+        theta, moved = at_quantiles(h.parameters, ndtr([mean for mean, _ in laws])), 0.0
+        if move := onset_law(h, scene, acc.signatures):
+            theta, moved = move(theta)
+        ll = log_likelihoods(h, scene, acc.signatures, theta) + moved
         return max(height - 0.5 * mean @ mean + 0.5 * np.linalg.slogdet(cov)[1]
                    for height, (mean, cov) in zip(ll, laws))
     return mean_evidence(side_by_side(of, range(len(richer)))) - acc.log_evidence
@@ -621,8 +622,10 @@ def _seen_elsewhere(scene, acc, plain, reference, rival, one, found):
     near = onsets_nearby(scene, one, NEARBY)
     if len(near) < 2:
         return searched, (one, found)
-    seen, sought = (np.array([log_likelihoods(own.member, at, (
-        *own.signatures, other), own.theta[None])[0] for other in near])
+    part = slice(None) if acc.member.onsets or acc.member.driven else around(scene, one)
+    seen, sought = (np.array([log_likelihoods(own.member, at.cut(part), [
+        s._replace(columns=s.columns[part]) for s in (*own.signatures, other)],
+        own.theta[None])[0] for other in near])
         for at, own in ((scene, acc), (plain, reference)))
     best = near[seen.argmax()]
     mean, sd = found.values["onset"]

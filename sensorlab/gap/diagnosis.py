@@ -145,9 +145,14 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     def measured(acc, near=None, trials=trials, before=alone):
         return unshared(_surely(full, acc, trials, seed + 1, before, near))
 
+    glance = None, None    # the account that was the last to be measured, and its gap
+
     def glanced(acc, near=None):
+        nonlocal glance
         say("measuring what is left", 2)
-        return measured(acc, near, trials or enough_trials(full))
+        if acc is not glance[0]:
+            glance = acc, measured(acc, near, trials or enough_trials(full))
+        return glance[1]
     new = [r for r in seen if r.log_bayes]
     start = _with_readings(full, bases, free, seen) if new else base
     found = Cause(tuple(map(missing, new)), 1.0, sum(r.log_bayes for r in new))

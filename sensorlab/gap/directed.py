@@ -282,6 +282,15 @@ def onsets_nearby(scene, one, most):
     return result
 
 
+AROUND = 4000    # samples to either side of an onset, which tell where it is nearby
+
+
+def around(scene, one):
+    """The part of a scene, a slice, about the onset of a `Signature`."""
+    at = round(one.found.values["onset"] / scene.dt)
+    return slice(max(at - AROUND, 0), at + AROUND)
+
+
 def _sizes(h, scene, signatures, family, theta, share, grid):
     """`_Sizes` of a hypothesis of a given share at some nodes, and the `Grid` that they
     are from, if there is one; `grid` is another that is near.

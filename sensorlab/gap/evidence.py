@@ -201,6 +201,7 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
     few, enough = max(round(effort * ROUND), GROUP), effort * ENOUGH_POINTS
     x, proposals = _first_points(d, guesses, few, rng)
     points, modes, missed = located(x), [], True
+    told = any(_tells_of_all(law, flat) for law in guesses)
     patience = round(ROUNDS_TO_CLIMB / effort) - bool(guesses)    # a climb costs many
     for attempt in range(MAX_ROUNDS):
         log_weight = points.log_weight(proposals)
@@ -208,8 +209,10 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         found = effective >= min(5.0 * (d + 1), 0.5 * enough)
         below = floor - log_sum(points.total + log_weight)
         near = _that_hit(guesses, points)
-        # an evidence is a mean likelihood, and no more than its peak
-        low = bool(near) and points.total.max() + d < floor - HOPELESS_NATS
+        # an evidence is a mean likelihood, and no more than its peak, which is near a
+        # guess that tells of all, or a mode
+        low = bool(near and told or modes) and (
+            points.total.max() + d < floor - HOPELESS_NATS)
         hopeless = low or below > HOPELESS_NATS and effective >= 2.0 * (d + 1) or (
             below > 3.0 * HOPELESS_NATS and attempt > patience + 2)
         if effective >= enough or hopeless:
@@ -245,6 +248,14 @@ def _flattened(mean, cov, flat):
     mean[flat], cov[flat], cov[:, flat] = 0.0, 0.0, 0.0
     cov[flat, flat] = 1.0
     return mean, cov
+
+
+def _tells_of_all(law, flat):
+    """Does a guess tell more than the prior N(0, I) of every axis that is not flat?"""
+    mean, cov = law
+    as_before = (mean == 0.0) & (cov == np.eye(len(mean))).all(1)
+    as_before[flat] = False
+    return not as_before.any()
 
 
 def _first_points(d, guesses, few, rng):
