@@ -202,6 +202,20 @@ def test_stamps_coarser_than_an_interval_are_even(rate, apart):
     assert found.slots is None and found.dt == pytest.approx(1.0 / rate, rel=1e-4)
 
 
+@pytest.mark.parametrize("tick", [0.011, 0.015, 0.015625, 0.018])
+def test_a_clock_that_counts_in_up_to_two_intervals_tells_the_mean_rate(tick):
+    found = clock("time", tick * np.floor(0.01 * np.arange(3000) / tick + 1e-9))
+    assert found.slots is None and found.dt == pytest.approx(0.01, rel=1e-4)
+    assert f"counts in steps of {1e3 * tick:g} ms" in found.said
+
+
+@pytest.mark.parametrize("start, step", [(1700000000, 1), (1700000000, 10), (0, 3600),
+                                         (1700000000, 300), (0, 86400)])
+def test_seconds_of_slow_records_are_seconds(start, step):
+    found = clock("timestamp", start + step * np.arange(500))
+    assert found.dt == step and not found.guess
+
+
 def test_samples_that_are_lost_at_random_are_missing():
     kept = np.flatnonzero(np.random.default_rng(5).random(3000) > 0.1)
     found = clock("time", 0.001 * kept)

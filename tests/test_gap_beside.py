@@ -52,6 +52,24 @@ def test_a_process_is_found_beside_a_change_of_noise_at_an_unknown_time():
     assert set(d.verdict.split("+")) == set(made["truth"]), d.causes[:3]
 
 
+@pytest.mark.parametrize("names", [("walk_step", "sinusoid"),
+                                   ("outliers", "random_steps")])
+def test_what_is_strong_does_not_keep_another_from_being_sought(names):
+    """A walk that changes shows in no spectrum; outliers are two steps each."""
+    values = dict(walk_step=dict(onset=2500.0, ratio=4.0), outliers=SIZES["outliers"],
+                  random_steps=dict(dwell=200.0, sigma=2.0),
+                  sinusoid=dict(frequency=0.077, amplitude=0.25, phase=0.3))
+    effects = [Found(CATALOGUE[name], values=values[name] if CATALOGUE[name].columns
+                     else account.fixed(**values[name])) for name in names]
+    truth = sensorid.hypothesis("random_walk", sigma_w=0.02, sigma_v=0.5)
+    ranges = sensorid.hypothesis("random_walk", sigma_w=(0.01, 0.05),
+                                 sigma_v=(0.25, 1.0), bias_sigma=5.0)
+    (y,) = simulate_effects(Simulator((truth,), (tuple(effects),)), Scene(
+        np.zeros(4000), DT, {}), seed=1).error
+    d = sensorlab.diagnose(y, DT, [ranges], effects=[CATALOGUE[n] for n in names])
+    assert set(d.verdict.split("+")) == set(names), d.causes[:3]
+
+
 def test_outliers_that_come_together_are_not_masked():
     rng = np.random.default_rng(3)
     alone, together = rng.choice(1500, 30, replace=False), np.arange(2000, 2010)

@@ -1,5 +1,7 @@
 """A simulator that is known by its records."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from conftest import DT
@@ -88,6 +90,29 @@ def test_a_line_that_all_their_records_have_at_one_frequency_is_missed_elsewhere
         assert d.verdict == verdict
 
 
+@pytest.mark.parametrize("records, apart", [(2, 0.0), (2, 0.2), (3, 0.1), (3, 0.4),
+                                            (6, 0.3)])
+def test_a_range_holds_what_a_further_record_has(records, apart):
+    """As often as it says, or more often, and no farther than need be."""
+    rng, sd, hits, trials = np.random.default_rng(2), 0.1, 0, 400
+    parameter = sensorid.Parameter("sigma_w", 0.01, 100.0, True)
+    for _ in range(trials):
+        truth = rng.normal(0.0, apart, records + 1)
+        samples = [SimpleNamespace(
+            theta=np.exp(at + sd * np.array([[-1.0], [1.0]])), weight=np.full(2, 0.5))
+            for at in truth[1:] + sd * rng.standard_normal(records)]
+        (p,) = blackbox._ranges((parameter,), samples)
+        hits += p.low <= np.exp(truth[0]) <= p.high
+    assert hits / trials > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / trials)
+
+
+def test_records_that_agree_are_a_narrower_range_than_their_scatter_alone():
+    means, sds = np.array([-0.18, 0.02, 0.16]), np.full(3, 0.1)
+    beside = blackbox._half_beside(means, sds)
+    assert 2.0 * 0.1 < beside < 0.8 * blackbox._half(means)
+    assert_allclose(blackbox._half_beside(means + 5.0, sds), beside)
+
+
 @pytest.mark.parametrize("added, verdicts, said", [
     (lambda i: i / 2000.0, ("rate_ramp", "rate_ramp or second_order_drift"),
      "neighbours are multiples"),
@@ -128,8 +153,9 @@ def test_few_records_tell_how_wide_their_parameters_spread():
     y = np.array([sigma * rng.standard_normal(500) for sigma in (0.8, 1.0, 1.2)])
     (h,) = sensorlab.simulator_from(y, DT).hypotheses
     (p,) = [p for p in h.parameters if p.symbol == "sigma_v"]
-    # Student's law of two degrees of freedom: 1 -+ 4.3 sqrt(4 / 3) 0.2
-    assert p.low < 0.3 and 1.7 < p.high < 2.4
+    # Student's law of two degrees of freedom, of the logarithms
+    half = 4.3 * np.sqrt(4.0 / 3.0) * np.std(np.log([0.8, 1.0, 1.2]), ddof=1)
+    assert_allclose(np.log(p.high / p.low), 2.0 * half, rtol=0.15)
 
 
 def test_a_factor_on_all_standard_deviations_is_in_them(monkeypatch):

@@ -150,6 +150,39 @@ def test_unrolled_mixture_filters_are_the_general_ones(short, known, names,
                 assert_allclose(part, expected, rtol=1e-9, atol=1e-11)
 
 
+@pytest.mark.parametrize("known", [0, 1])
+@pytest.mark.parametrize("name", ["random_steps", "random_telegraph", "outliers"])
+@pytest.mark.parametrize("base", ["random_walk", "white_noise"])
+def test_levels_that_only_noise_moves_are_one_state(base, name, known, monkeypatch):
+    rng = np.random.default_rng(6)
+    y = np.cumsum(0.1 * rng.standard_normal(400)) + 0.5 * rng.standard_normal(400)
+    y[100:120], scene = np.nan, Scene(np.zeros(400), DT, {})
+    ranges = dict(random_walk=dict(sigma_w=(0.05, 0.2)), white_noise={})[base]
+    h = member(scene, sensorid.hypothesis(base, **ranges, sigma_v=(0.25, 1.0),
+                                          bias_sigma=2.0), name)
+    theta = sensorid.at_quantiles(
+        h.parameters, rng.uniform(0.1, 0.9, (5, len(h.parameters))))
+    found = [filters.Signature(Found(CATALOGUE["sinusoid"]), np.cos(
+        0.3 * scene.time)[:, None], 2.0)] * known
+    one = filters.predict(h, scene, found, theta, y[None])
+    monkeypatch.setattr(filters, "_with_one_level", lambda own, H, moved: (
+        own, H, moved))
+    for part, other in zip(one, filters.predict(h, scene, found, theta, y[None])):
+        assert_allclose(part, other, rtol=1e-6, atol=1e-9)
+
+
+def test_steps_far_from_the_prior_of_the_bias_are_no_matter_of_rounding():
+    """What is known of a bias and of steps apart would grow till it hides their sum."""
+    t = np.arange(1000) / 1000.0
+    scene = Scene(120.0 * (t - 2.0)**2 + np.random.default_rng(1).standard_normal(1000),
+                  1.0, {})
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=(0.5, 2.0),
+                                          bias_sigma=5.0), "random_steps")
+    told = filters.log_likelihoods(h, scene, (), np.array([[1.0, 58.0, 7.3],
+                                                           [1.0, 58.1, 7.3]]))
+    assert np.isfinite(told).all() and np.ptp(told) < 1.0
+
+
 def test_tail_is_that_of_the_normal_law_as_far_as_there_are_numbers():
     score = np.linspace(0.0, 37.0, 2001)
     expected = norm.sf(score)

@@ -10,10 +10,12 @@ from scipy.signal import find_peaks
 from scipy.stats import norm
 
 import sensorid
+import sensorlab
 from figures import hostile
 from sensorlab import CATALOGUE, Effect, Scene
 from sensorlab.gap import directed, evidence, filters, onsets, scans, signatures
 from sensorlab.gap.account import account
+from sensorlab.gap.catalogue import lagged
 
 
 @pytest.mark.parametrize("name", ["", "bias_instability", "noise_step", "walk_step",
@@ -386,6 +388,53 @@ def test_waves_are_scored_alike_by_the_part_of_a_record_where_they_are(nodes,
     assert_allclose(near.psi, whole.psi)
     for part, other in zip(near[1:4], whole[1:4]):
         assert_allclose(part, other, rtol=1e-9)
+
+
+@pytest.mark.parametrize("amplitude", [1.0, 10.0, 1000.0])
+def test_a_sinusoid_is_known_as_well_as_its_bound_says(amplitude):
+    """By Cramer and Rao: 24 / (A^2 N^3) is the variance of the angular frequency, s = 1
+    (D. Rife, R. Boorstyn, IEEE Trans. Inf. Theory 20, 1974).
+    """
+    N, frequency = 3000, 0.061234567
+    y = np.random.default_rng(3).standard_normal(N) + amplitude * np.cos(
+        2.0 * np.pi * frequency * np.arange(N) + 0.7)
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=5.0)
+    d = sensorlab.diagnose(y, 1.0, [h])
+    assert d.verdict == "sinusoid"
+    mean, sd = d.found[0].values["frequency"]
+    bound = np.sqrt(24.0 / N**3) / amplitude / (2.0 * np.pi)
+    assert_allclose(sd, bound, rtol=0.1)
+    assert abs(mean - frequency) < 4.0 * bound
+
+
+def test_a_lag_that_is_known_well_leaves_no_temperature_beside_it():
+    """It has two forms, and is far shorter than the record."""
+    N, tau = 2000, 12.0
+    t = np.arange(N)
+    temperature = 20.0 + 5.0 * np.sin(0.025 * t) + 1.7 * np.sin(0.075 * t + 1.0)
+    y = np.random.default_rng(1).standard_normal(N) + 1.5 * lagged(
+        temperature, 1.0, tau)
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=50.0)
+    d = sensorlab.diagnose(y, 1.0, [h], dict(temperature=temperature))
+    assert d.verdict == "thermal_lag"
+    mean, sd = d.found[0].values["tau"]
+    assert abs(mean - tau) < 3.0 * sd and sd < 0.3
+
+
+@pytest.mark.parametrize("vertex", [0.05, 0.5, 1.4])
+def test_a_parabola_needs_no_ramp_beside_it(vertex):
+    N = 1000
+    t = np.arange(N) / N
+    y = np.random.default_rng(4).standard_normal(N) + 100.0 * (t - vertex)**2
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=200.0)
+    d = sensorlab.diagnose(y, 1.0, [h])
+    assert d.verdict == "second_order_drift"
+    slopes, cov = np.polyfit(t, y, 2, cov="unscaled")
+    at = -0.5 * slopes[1] / slopes[0]
+    slope = np.array([0.5 * slopes[1] / slopes[0]**2, -0.5 / slopes[0], 0.0])
+    mean, sd = d.found[0].values["vertex"]
+    assert_allclose(sd / N, np.sqrt(slope @ cov @ slope), rtol=0.15)
+    assert_allclose(mean / N, at, atol=0.3 * sd / N)
 
 
 def test_one_hypothesis_begins_where_another_has_been_resolved():

@@ -164,12 +164,15 @@ def test_the_model_has_what_the_verdict_names():
     rng, t = np.random.default_rng(18), np.arange(800)
     T = np.exp(-t / 150) + 0.0025 * rng.standard_normal(800).cumsum()
     y = rng.standard_normal(800) + 0.9 * T
-    temperature, lag, *others = [sensorlab.CATALOGUE[name] for name in (
+    temperature, lag, drift, other = [sensorlab.CATALOGUE[name] for name in (
         "temperature", "thermal_lag", "second_order_drift", "turn_on_transient")]
+    known = drift._replace(parameters=lambda scene: (
+        sensorid.Parameter("vertex", 0.2 * scene.duration, 0.8 * scene.duration),))
     in_one_form = lag._replace(columns=lambda *at: itertools.islice(
         lag.columns(*at), 1))
     d = diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=(0.3, 2))],
-                 dict(temperature=T), [temperature, in_one_form, *others], trials=59)
+                 dict(temperature=T), [temperature, in_one_form, known, other],
+                 trials=59)
     assert d.verdict == "temperature or thermal_lag"
     assert d.causes[0].effect == "second_order_drift"
     assert [one.name for one in d.found] == ["temperature"]

@@ -5,6 +5,7 @@ no gap: distances of a record count from those of the simulator's own.
 """
 
 import numpy as np
+from scipy.special import ndtr
 from scipy.stats import t as student
 
 from sensorid import Parameter, default_hypotheses
@@ -33,8 +34,10 @@ def simulator_from(records, dt, columns=None):
     Simulator
         Hypothesis and effects of the first record. A parameter has the range in which
         that of a further record lies with 95 %: of its posterior where there is one
-        record, of Student's law of the posterior means where there are several. So has
-        the amplitude of a line that several records tell; of one, any may be as large.
+        record; where there are several, of Student's law of the posterior means, or of
+        what is known of each and of how far runs may be apart. The amplitude of a line
+        that several records tell has that of Student's law; of one, any may be as
+        large.
     """
     records = np.atleast_2d(records)[:MOST_RECORDS]
     first = diagnose(records[0], dt, default_hypotheses(records[0], dt), columns)
@@ -48,8 +51,7 @@ def simulator_from(records, dt, columns=None):
         amplitudes.append(_amplitudes(scene, own))
     # a factor on all standard deviations is in them
     samples = [s._replace(theta=acc.member.in_units(s.theta)) for s in samples]
-    means, sds = [s.mean for s in samples], [s.sd() for s in samples]
-    ranges = _ranges(acc.member.parameters, np.array(means), np.array(sds))
+    ranges = _ranges(acc.member.parameters, samples)
     base, count = acc.member.hypothesis, len(acc.member.hypothesis.parameters)
     spread = np.nanmean(records, axis=1)
     h = base._replace(parameters=ranges[:count], bias_given=True, bias_sigma=float(
@@ -93,19 +95,50 @@ def _half(values):
                  * np.std(values, ddof=1))
 
 
+APART = 0.3    # by which logarithms of a parameter may differ from run to run, a priori
+SPREADS = np.append(0.0, np.geomspace(1e-3, 30.0, 200))    # of these, that are tried
+HALVES = np.geomspace(1e-4, 100.0, 1000)    # of ranges
+
+
+def _half_beside(means, sds):
+    """The same of values that are known by means and standard deviations (L,), of which
+    it is known a priori how far they may be apart: by a half-Cauchy law of their
+    standard deviation (A. Gelman, "Prior distributions for variance parameters in
+    hierarchical models", Bayesian Anal. 1, 2006).
+    """
+    spread = APART * SPREADS
+    variance = spread[:, None]**2 + sds**2
+    weight = 1.0 / variance
+    total = weight.sum(1)
+    middle = (weight * means).sum(1) / total
+    log_p = -0.5 * (np.log(variance).sum(1) + np.log(total) + (
+        weight * (means - middle[:, None])**2).sum(1))
+    p = np.exp(log_p - log_p.max()) / (1.0 + SPREADS**2) * np.gradient(spread)
+    sd, off = np.sqrt(spread**2 + 1.0 / total), middle - means.mean()
+    inside = ndtr((HALVES[:, None] - off) / sd) - ndtr((-HALVES[:, None] - off) / sd)
+    return float(HALVES[np.searchsorted(inside @ (p / p.sum()), 0.95)])
+
+
 ROUNDING = 1e-9    # of a number: its range is none
 
 
-def _ranges(parameters, means, sds):
-    """The parameters of a further record, from means and standard deviations (L, p)."""
-    L, result = len(means), []
-    for p, mean, sd in zip(parameters, means.T, sds.T):
-        within = np.sqrt(np.mean(sd**2))
-        half = 2.0 * within
-        if L > 1:    # what the posterior means scatter is of both kinds
-            half = max(half, _half(mean))
-        middle = float(np.mean(mean))
-        low = max(middle - half, 0.05 * middle) if middle > 0.0 else middle - half
-        known = half <= ROUNDING * abs(middle)
-        result.append(p if known else Parameter(p.symbol, low, middle + half))
+def _ranges(parameters, samples):
+    """The parameters of a further record, from posterior samples of L; of those that
+    are never 0 the logarithm, as far as it is known.
+    """
+    result = []
+    for column, p in enumerate(parameters):
+        to, back = (np.log, np.exp) if p.low > 0.0 else (np.asarray, np.asarray)
+        values = [to(s.theta[:, column]) for s in samples]
+        means = np.array([s.weight @ x for s, x in zip(samples, values)])
+        sds = np.array([np.sqrt(s.weight @ (x - m)**2)
+                        for s, x, m in zip(samples, values, means)])
+        half = 2.0 * np.sqrt(np.mean(sds**2))
+        if len(samples) > 1:    # what the posterior means scatter is of both kinds
+            own = _half(means)
+            half = max(half, min(own, _half_beside(means, sds)) if p.low > 0.0 else own)
+        middle = means.mean()
+        known = half <= ROUNDING * (1.0 if p.low > 0.0 else abs(middle))
+        result.append(p if known else Parameter(p.symbol, *map(float, back(
+            [middle - half, middle + half]))))
     return tuple(result)

@@ -117,6 +117,11 @@ def _derivative(scene, x, psi):
     yield "central difference", np.gradient(x, scene.dt)[:, None]
 
 
+def _least_tau(scene):
+    """Least time constant of an exponential that is tried, s."""
+    return min(scene.duration / 400, max(5.0 * scene.dt, scene.duration / 4000))
+
+
 def lagged(x, dt, tau):
     """First-order low-pass of time constant tau, s, in steady state at the start."""
     a = np.exp(-dt / tau)
@@ -824,14 +829,13 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="ringing, narrow-band noise, sinusoid",
            experiment="look for what ran then: a motor, a passing vehicle"),
     Effect("second_order_drift", columns=_parabola, size="curvature",
-           parameters=lambda s: (Parameter("vertex", 0.2 * s.duration,
-                                           0.8 * s.duration),),
+           parameters=lambda s: (Parameter("vertex", -0.5 * s.duration,
+                                           1.5 * s.duration),),
            equation="y + curvature (t - vertex)^2; vertex in s, curvature in u/s^2",
            resembles="turn-on transient, rate ramp, random walk",
            experiment="record longer"),
     Effect("turn_on_transient", columns=_transient,
-           parameters=lambda s: (_log("tau", min(s.duration / 400, max(
-               5.0 * s.dt, s.duration / 4000)), s.duration / 3),),
+           parameters=lambda s: (_log("tau", _least_tau(s), s.duration / 3),),
            equation="y + size exp(-t / tau); tau in s, size in u",
            resembles="rate ramp, temperature",
            experiment="switch off, cool down and on again: it returns"),
@@ -848,7 +852,7 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="cycle the temperature twice at different speed"),
     Effect("thermal_lag", columns=_lagged, size="coefficient", column="temperature",
            becomes="temperature",
-           parameters=lambda s: (_log("tau", s.duration / 100, s.duration / 4),),
+           parameters=lambda s: (_log("tau", _least_tau(s), s.duration / 4),),
            equation="y + coefficient f, f = X less its mean, or X - x where what comes "
                     "at once is compensated, tau dX/dt = x - X; tau in s, coefficient "
                     "in u per unit of x",

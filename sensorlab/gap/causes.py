@@ -113,9 +113,9 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
                    known=NO_OTHER):
     """`Further`: probability of every further effect, Eq. (10), and the best account.
 
-    Without `processes`, for signatures and jumps alone. `by_chance` gives ln B that an
-    effect has where it is not, if that may be more than nothing; `known` is the name of
-    an effect of which ln B is known, and that.
+    Without `processes`, for signatures, jumps and changes. `by_chance` gives ln B that
+    an effect has where it is not, if that may be more than nothing; `known` is the name
+    of an effect of which ln B is known, and that.
     """
     inside, plain, reference, listed, samples, grids, rivals = _sought(
         scene, acc, effects, processes, known)
@@ -340,12 +340,13 @@ def _different(forms):
 
 
 def _with_filters(inside, effects, processes, best, surely):
-    """Rivals that are inside the filter: models, if wanted, and jumps; `best` is the
-    largest ln B of all others, and of that of the name `surely`, which is fitted
-    whatever is told of it.
+    """Rivals that are inside the filter: models, if wanted, jumps and changes of
+    noise; `best` is the largest ln B of all others, and of that of the name `surely`,
+    which is fitted whatever is told of it.
     """
     wanted = [effect for effect in effects if (
-        effect.jumps or processes and effect.model and not effect.reading)
+        effect.jumps or effect.drive
+        or processes and effect.model and not effect.reading)
         and _has_room(effect, inside.acc)]
     told = dict(zip(wanted, _told_by_screens(inside, wanted)))
     most, rivals = 0.0, []    # ln B of those that have a screen

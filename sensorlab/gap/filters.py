@@ -340,9 +340,36 @@ def _is_plain(h, y):
 
 def _through_mixtures(h, own, H, theta, y, out):
     jumps = h.jumps(theta)
+    own, H, moved = _with_one_level(own, H, h.own_states if jumps.step.any() else None)
     return mixture_filters(
         y, H, own.own, own.pair, own.later, own.r, np.column_stack(jumps[:2]),
-        np.column_stack(jumps[2:]), out, h.own_states if jumps.step.any() else 0)
+        np.column_stack(jumps[2:]), out, moved or 0)
+
+
+def _with_one_level(own, H, moved):
+    """The same filter with one state for all levels that only their noise moves, as a
+    bias and a random walk, and without states that are nothing; where the state `moved`
+    is then, if there is one.
+
+    Records tell the sum of these levels. How far each of them is in it, as paths are
+    merged, would be ever less known, till rounding hides what is known of the sum.
+    """
+    every = np.arange(len(own.pair))
+    alone = own.pair == every
+    level = np.flatnonzero(alone & (own.own[0] == 1.0).all(0) & (H == 1.0).all(0))
+    left = ~alone | own.own[2:].any((0, 1))
+    left[0] |= not left.any()
+    if moved is not None:
+        left[moved] = True
+    one = own.own.copy()
+    if len(level):
+        one[2:, :, level[0]] = one[2:][:, :, level].sum(-1)
+        left[level[1:]], left[level[0]] = False, True
+        moved = level[0] if moved in level else moved
+    number = np.cumsum(left) - 1
+    return own._replace(
+        own=np.ascontiguousarray(one[:, :, left]), pair=number[own.pair[left]]
+    ), np.ascontiguousarray(H[:, left]), None if moved is None else int(number[moved])
 
 
 class Filter(NamedTuple):

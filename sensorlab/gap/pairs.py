@@ -13,9 +13,9 @@ from sensorid import brief
 from sensorlab.gap.account import account, gaussian
 from sensorlab.gap.causes import further_causes, with_signature
 from sensorlab.gap.effects import Found
-from sensorlab.gap.filters import Signature, filter_of
+from sensorlab.gap.filters import Signature, filter_of, log_likelihoods
 from sensorlab.gap.kernels import row_products
-from sensorlab.gap.screens import LAWS
+from sensorlab.gap.screens import HEAD, LAWS, LITTLE
 from sensorlab.gap.signatures import Family, columns_at, families
 
 ONSETS = 48          # of a step
@@ -27,17 +27,18 @@ LOST = 0.1           # of ln B, by a coarse list
 ALIKE = 1e-4         # of its information, that is left to a form beside another
 STARTS = 2           # pairs of effects that are sought exactly
 MOST_OF = 0.5        # of ln B of the best cause
+MOST_IN_GRID = 4     # parameters
 EVEN_BETTER = 0.3    # nats that a further round must gain
 
 
-def best_pair(scene, acc, causes, effects, describes):
+def best_pair(scene, acc, look, effects, describes):
     """(found, ln B, account) of two effects that explain more together than alone: of
     two signatures, of odd samples and a signature, or of any two for which jumps may
-    stand in. None if the best of the `causes` of an account is a signature.
+    stand in. None if the best cause of a look beyond an account is a signature.
 
     `describes` tells whether the best leaves nothing: jumps that do stand in for none.
     """
-    best, *others = [c for c in causes if c.found]
+    best, *others = [c for c in look.causes if c.found]
     if best.found[0].effect.columns:
         return None
     forms, pairs = [e for e in effects if e.columns], []
@@ -47,9 +48,12 @@ def best_pair(scene, acc, causes, effects, describes):
     jumps = bool(best.found[0].effect.jumps) and not (
         acc.member.has_jumps or describes())
     some = [e for e in effects if not e.factor] if jumps else forms
-    inside = [c.found[0].effect for c in others if (
-        c.effect in LAWS or jumps and not c.found[0].effect.columns)
-        and c.log_bayes > MOST_OF * best.log_bayes and not acc.member.has_jumps]
+    inside = [] if acc.member.has_jumps else [
+        c.found[0].effect for c in others
+        if (c.effect in LAWS or jumps and not c.found[0].effect.columns) and (
+            c.log_bayes > MOST_OF * best.log_bayes)
+        or c.effect in LAWS and jumps and c.log_bayes > LITTLE
+        and _stood_in_for(c.found[0].effect, scene, look.account)]
 
     def beside(effect):
         look = further_causes(scene, acc, [effect])
@@ -65,6 +69,30 @@ def best_pair(scene, acc, causes, effects, describes):
             map(_worth, beside(best.found[0].effect)), default=-np.inf):
         return None    # the next look finds what is better beside the best
     return pair
+
+
+STOOD_IN = 3    # values of each parameter of what jumps and what is odd
+
+
+def _stood_in_for(odd, scene, acc):
+    """Are odd samples beside the last effect of an account, which jumps, likelier than
+    that alone, somewhere? A sample that is odd is two jumps, and then none are left.
+    """
+    h = acc.member.with_effect(odd)
+    own = [k for k, key in enumerate(h.keys) if key[0] in (
+        h.effects[-2].key, h.effects[-1].key)]
+    if len(own) > MOST_IN_GRID or h.onsets:
+        return False
+    head = slice(HEAD)
+    seen, known = scene.cut(head), [
+        s._replace(columns=s.columns[head]) for s in acc.signatures]
+    u = np.stack(np.meshgrid(*len(own) * [(np.arange(STOOD_IN) + 0.5) / STOOD_IN]),
+                 -1).reshape(-1, len(own))
+    theta = np.tile(acc.member.matching(h, acc.theta), (len(u), 1))
+    for column, values in zip(own, u.T):
+        theta[:, column] = h.parameters[column].quantile(values)
+    return log_likelihoods(h, seen, known, theta).max() > log_likelihoods(
+        acc.member, seen, known, acc.theta[None])[0]
 
 
 def _worth(pair):

@@ -19,8 +19,8 @@ from sensorlab.gap.kernels import KERNEL, spectrum
 from sensorlab.gap.onsets import (
     resolved_span, span_grid, span_scan, step_scan, step_scores)
 from sensorlab.gap.signatures import (
-    Grid, Scan, blocks, information, least_squares, mean_bayes, resolved, scores_at,
-    unnamed)
+    MOST_GRIDS, Grid, Scan, blocks, information, least_squares, mean_bayes, resolved,
+    scores_at, unnamed)
 
 
 @njit(**KERNEL)
@@ -198,13 +198,30 @@ def _in_cells(scene, family, one, psi):
     n = max(round(float(np.exp(grid.middle[1])) / scene.dt), 1)
     cell = max(n // WAVE_PARTS, 1) * np.log(WAVE_STEP) / next_fast_len(2 * n, real=True)
     share = np.log(grid.apart).sum() - np.log(cell)
-    return Scan(np.maximum(found.gain[0] + 2.0 * share, 0.0), 2, lambda number: (
-        found.psi[number], unnamed(number)), share), grid
+    return _with_shares(found, share), grid
+
+
+def _with_shares(found, log_share):
+    """`Scan` of pairs of columns, each of which stands for a part of a cell."""
+    return Scan(np.maximum(found.gain[0] + 2.0 * log_share, 0.0), 2, lambda number: (
+        found.psi[number], unnamed(number)), log_share)
+
+
+def _line_in_cells(scene, family, one, frequency):
+    """The same of sinusoids."""
+    (prior,), apart = family.effect.parameters(scene), 1.0 / scene.duration
+    family = _resolved_list(scene, family, one, (
+        max(frequency - apart, prior.low), min(frequency + apart, prior.high)))
+    found = scores_at(scene, family, one)
+    cell = 1.0 / (next_fast_len(PADDING * len(scene.y), real=True) * scene.dt)
+    return _with_shares(found, np.log((found.psi[1] - found.psi[0]) / cell)), None
 
 
 SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
              waves=_wave_scan)
 FINER = dict(pulse=(span_grid, resolved_span), waves=(_wave_grid, _resolved_waves))
+SHARP = 100.0    # gain from which on a peak is narrower than what is tried
+IN_CELLS = dict(waves=(0.0, _in_cells), frequency=(SHARP, _line_in_cells))
 LIKELY = 16    # signatures whose gains are exact at every node; twice as many if some
                # are between those of a grid
 
@@ -231,8 +248,7 @@ def family_bayes(scene, family, solved, one, table, likely=None):
     computed: the sum over all is scaled by the same ratio.
     """
     if family.psi is not None:
-        found = scores_at(scene, family, solved)
-        return mean_bayes(found.gain, table[found.k]), None
+        return _bayes_of_list(scene, family, solved, one, table), None
     count = 0
     if not likely:
         likely, told, beyond, count = _scanned(scene, family, one, table)
@@ -252,10 +268,26 @@ def family_bayes(scene, family, solved, one, table, likely=None):
     return worth + likely.rest, likely
 
 
+def _bayes_of_list(scene, family, solved, one, table):
+    """`family_bayes` of a family that has a list: what is sharp is resolved."""
+    found, likeliest = scores_at(scene, family, solved), int(solved.base.argmax())
+    worth = mean_bayes(found.gain, table[found.k])
+    if is_coarse(scene, family) and found.gain[likeliest].max() > SHARP:
+        (prior,) = family.effect.parameters(scene)
+        finer, _ = refined(scene, family, one)
+        low, high = finer.psi[0], finer.psi[-1]
+        share = np.log(np.log(high / low) / np.log(prior.high / prior.low) if prior.log
+                       else (high - low) / (prior.high - prior.low))
+        (there,) = mean_bayes(scores_at(scene, finer, one).gain, table[found.k])
+        worth += there + share - worth[likeliest]
+    return worth
+
+
 def _scanned(scene, family, one, table):
     """`Likely` signatures, their rest not known yet; ln of the sum of their Bayes
     factors as the scan has them, and of sums of those of all others, and how many there
-    are in all. Waves that are worth more than nothing are resolved.
+    are in all. Waves that are worth more than nothing, and sinusoids that are sharp,
+    are resolved.
     """
     found, beyond, count, grid = [], [], 0, None
 
@@ -270,11 +302,12 @@ def _scanned(scene, family, one, table):
     gain, share, psi, variant = map(np.concatenate, zip(*found))
     peak = gain - 2.0 * share
     best = peak.argmax()
-    if family.effect.search == "waves" and mean_bayes(
+    least, in_cells = IN_CELLS.get(family.effect.search, (np.inf, None))
+    if peak[best] > least and mean_bayes(
             peak[None, best:best + 1], table[part.k]) > np.log(count):
-        part, grid = _in_cells(scene, family, one, psi[best])
+        part, grid = in_cells(scene, family, one, psi[best])
         own, _ = part.of(np.arange(len(part.gain)))
-        away = ((psi < own.min(0)) | (psi > own.max(0))).any(1)
+        away = ((psi < own.min(0)) | (psi > own.max(0))).reshape(len(psi), -1).any(1)
         found[:] = [tuple(each[away] for each in (gain, share, psi, variant))]
         add(part)
         gain, share, psi, variant = map(np.concatenate, zip(*found))
@@ -309,6 +342,10 @@ def is_coarse(scene, family):
     return bool(family.effect.search != "onset" and family.effect.parameters(scene))
 
 
+NODES = 41       # values of a parameter, about the best
+RESOLVED = 8     # of them that have mass: as many as standard deviations hold all
+
+
 def refined(scene, family, one, grid=None):
     """The family again, finer where a coarse search at one node found mass; and the
     `Grid` where it is so, if there is one, from which another node may begin.
@@ -328,14 +365,36 @@ def refined(scene, family, one, grid=None):
     else:
         found = scores_at(scene, family, one)
         psi, gain = found.psi, found.gain[0]
-    near = np.flatnonzero(gain > gain.max() + 2.0 * np.log(1e-4))
-    low, high = psi[max(near[0] - 1, 0)], psi[min(near[-1] + 1, len(psi) - 1)]
     (prior,) = effect.parameters(scene)
+    _, ends = _with_mass(psi, gain)
     if effect.search == "frequency":
         top, apart = psi[gain.argmax()], 1.0 / scene.duration
         # the scan may have parts on either side
-        low = max(low if near[0] else prior.low, top - apart)
-        high = min(high if near[-1] + 1 < len(psi) else prior.high, top + apart)
-        return family._replace(psi=tuple(np.linspace(low, high, 81))), None
-    return family._replace(psi=tuple(prior._replace(
-        low=low, high=high).quantile(np.linspace(0.0, 1.0, 40)))), None
+        ends = (max(ends[0] if ends[0] > psi[0] else prior.low, top - apart),
+                min(ends[1] if ends[1] < psi[-1] else prior.high, top + apart))
+    return _resolved_list(scene, family, one, ends), None
+
+
+def _resolved_list(scene, family, one, ends):
+    """The family with values of its parameter between two ends, about the best, which
+    resolve what has mass.
+    """
+    (prior,) = family.effect.parameters(scene)
+    for _ in range(MOST_GRIDS):
+        family = family._replace(psi=tuple(prior._replace(
+            low=ends[0], high=ends[1]).quantile(np.linspace(0.0, 1.0, NODES))))
+        found = scores_at(scene, family, one)
+        count, ends = _with_mass(found.psi, found.gain[0])
+        if count >= RESOLVED:
+            break
+    return family
+
+
+def _with_mass(psi, gain):
+    """How many values of psi (m,), in any form, have mass, by gains (m,), and the ends
+    of the range that holds them.
+    """
+    every = np.unique(psi)
+    near = np.unique(psi[gain > gain.max() + 2.0 * np.log(1e-4)])
+    first, last = np.searchsorted(every, near[[0, -1]])
+    return len(near), (every[max(first - 1, 0)], every[min(last + 1, len(every) - 1)])

@@ -62,7 +62,7 @@ def search(full, start, readings, effects, before, glanced, twins=None):
         if noises == MAX_NOISES or doubtful == MAX_DOUBTFUL:
             break
         # a process shows in the undirected statistics, if it is there, or in parameters
-        # that are at an end of their range in its place; jumps may not
+        # that are at an end of their range in its place; jumps and changes may not
         look = further_causes(scene, acc, effects, not path.found or
                               after.p_value < LOOK_ON or pushes(acc),
                               _by_rounding(full, acc, after.theta) if coarse else None)
@@ -244,7 +244,7 @@ def _or_a_pair(scene, acc, look, effects, describes):
     """A look with the best pair of effects among its causes: a process may follow two
     of them nearly as well as they do, of which neither does alone.
     """
-    pair = best_pair(scene, acc, look.causes, effects, describes)
+    pair = best_pair(scene, acc, look, effects, describes)
     if pair is None:
         return look
     best, (found, log_bayes, together) = next(c for c in look.causes if c.found), pair
@@ -286,7 +286,8 @@ def _exchanged(full, acc, path, leaves, lesser, effects, twins, settled):
         name = path.found[number].name
         look = further_causes(scene, less, effects, known=(
             name, acc.log_evidence - less.log_evidence))
-        here = sum(c.probability for c in look.causes if c.effect == name)
+        here = sum(c.probability for c in look.causes if c.effect == name and
+                   _is_as(c.found[0], path.found[number]))
         best = next(c for c in look.causes if c.found)
         if here < COMPARABLE and not (look.account is not None and _net(
                 look.account, best.found[0], full) > _net(acc, path.found[number], full)
@@ -315,6 +316,12 @@ def _exchanged(full, acc, path, leaves, lesser, effects, twins, settled):
                     key: one for key, one in leaves.items()
                     if one.names != instead.names}}
     return _Exchanged(acc, lesser, path, leaves)
+
+
+def _is_as(one, other):
+    """Is an effect in what another of its name is in? Wrong parameters are several."""
+    return not one.effect.factor or (
+        one.values["parameter"][0] == other.values["parameter"][0])
 
 
 def _net(acc, one, full):

@@ -130,7 +130,8 @@ class Family(NamedTuple):
     __repr__ = brief
 
 
-PSI_COUNT = 16    # values of a psi that is neither onset nor frequency
+PSI_COUNT = 16    # values of a psi that is neither onset nor frequency, at least
+PER_E_FOLD = 5    # of one whose logarithm is even
 
 
 def families(scene, effects, signatures=()):
@@ -150,13 +151,19 @@ def families(scene, effects, signatures=()):
                 continue
             priors = effect.parameters(scene)
             family = Family(effect, column, None if effect.search else tuple([*(
-                p.quantile(np.linspace(0.0, 1.0, PSI_COUNT)) for p in priors),
-                [np.nan]][0]))
+                map(_values, priors)), [np.nan]][0]))
             some = family.psi or [psi_of(scene, effect, {
                 p.symbol: p.mean for p in priors})]
             if next(columns_at(scene, family, some), None):
                 result.append(family)
     return result
+
+
+def _values(prior):
+    """Values of a parameter that are tried."""
+    count = max(PSI_COUNT, round(PER_E_FOLD * np.log(prior.high / prior.low))
+                if prior.log else 0)
+    return prior.quantile(np.linspace(0.0, 1.0, count))
 
 
 ROWS = 6    # columns at a time, at least: of fewer, each takes longer, ...

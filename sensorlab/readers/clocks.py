@@ -132,7 +132,8 @@ def clock(name, time, resample=False):
                          "sampling interval with --dt")
     usual = np.median(step) or step.mean()
     found = (_with_gaps(t, step, usual) or _with_jitter(t)
-             or _in_pieces(t, step, usual) or _in_bursts(t, step))
+             or _in_pieces(t, step, usual) or _in_ticks(t, step)
+             or _in_bursts(t, step))
     if found and found.slots is not None:
         wide = step > 1.5 * found.dt
         if wide.sum() >= REGULAR:    # steps of stamps that are coarser than an interval
@@ -202,6 +203,19 @@ def _in_pieces(t, step, usual):
     slots = i + np.repeat(start - start[0], np.diff(np.append(first, len(t))))
     return Clock(dt, f" but for {gap.sum()} gaps, off by up to "
                      f"{50 * (high - low).max():.0f} % of it", slots)
+
+
+def _in_ticks(t, step):
+    """The clock at the mean rate if it counts in steps of up to two intervals, so that
+    some samples have the stamp of the one before.
+    """
+    tick = step[step > 0.0].min()
+    dt, start = np.polyfit(np.arange(len(t)), t, 1)
+    off = np.abs(t - start - dt * np.arange(len(t))).max()
+    away = np.abs(step / tick - np.round(step / tick)).max()
+    if step.all() or not np.median(step) or away > CLEAN or off > WITHIN * tick:
+        return None
+    return Clock(dt, f", which counts in steps of {duration(tick)}", even=False)
 
 
 def _in_bursts(t, step):
@@ -276,9 +290,10 @@ def in_seconds(name, time):
     is only guessed.
 
     A unit is taken from the name; without one an epoch is known by its size, whole
-    numbers with steps of 1000 and more are us, from 10^6 on ns, integers with steps of
-    2 to 50 ms (20 to 500 Hz rather than every 2 to 50 s), digits of a date or of a time
-    of day by their steps, days of a spreadsheet by both, all else is s.
+    numbers with steps of half hours are s, of 1000 and more us, from 10^6 on ns,
+    integers with steps of 2 to 50 ms (20 to 500 Hz rather than every 2 to 50 s), digits
+    of a date or of a time of day by their steps, days of a spreadsheet by both, all
+    else is s.
     """
     time, scale, *told = _counted(name, time)
     return (time - time[:1]).astype(float) * scale, *told
@@ -338,22 +353,24 @@ def _plausible(time):
     if not len(time):
         return UNITS["s"]
     largest, step = np.abs(time).max(), np.diff(time)
+    usual = np.abs(np.median(step.astype(float)) or step.mean()) if len(step) else 0.0
+    in_hours = len(step) and usual > 0.0 and not (step % HALF_AN_HOUR).any()
     for unit in ("s", "ms", "us", "ns"):
         if EPOCH[0] < largest * UNITS[unit][1] < EPOCH[1] and (
-                unit != "s" or len(step) and not (step % HALF_AN_HOUR).any()):
+                unit != "s" or in_hours or 0.0 < usual < LEAST_US):
             return UNITS[unit]
-    usual = np.abs(np.median(step.astype(float)) or step.mean()) if len(step) else 0.0
     if any(low < time.min() and largest < high for low, high in DAYS) and (
             0.0 < usual < FAST):
         return UNITS["d"]
-    if not (time == np.round(time)).all():
+    if in_hours or not (time == np.round(time)).all():
         return UNITS["s"]
     if time.dtype.kind in "iu" and 2.0 <= usual <= 50.0:
         return UNITS["ms"]
     return UNITS["s" if usual < 1e3 else "us" if usual < 1e6 else "ns"]
 
 
-HALF_AN_HOUR = 1800       # s: steps of an epoch in seconds that are no microseconds
+HALF_AN_HOUR = 1800       # s: steps of this are no microseconds
+LEAST_US = 500.0          # us: nothing is logged as fast as by smaller steps of these
 DAYS = (25569, 73050), (719529, 767011)    # 1970 to 2100 in Excel and in MATLAB
 FAST = 1e-4    # of a day, or s: no inertial sensor is logged as fast
 
