@@ -889,3 +889,11 @@ def test_a_record_in_another_unit_than_the_simulator_is_refused():
     y = np.random.default_rng(3).standard_normal(200)
     with pytest.raises(ValueError, match="9.8e.05 times .* give both in one unit"):
         sensorlab.diagnose(1e6 * y, DT, WHITE)
+
+
+@pytest.mark.parametrize("at", [0, -1])
+def test_one_bad_sample_at_an_end_is_an_outlier_and_no_step(at):
+    y = np.random.default_rng(5).standard_normal(1500)
+    y[at] += 30.0
+    h = sensorid.hypothesis("white_noise", sigma_v=(0.5, 2.0), bias_sigma=30.0)
+    assert sensorlab.diagnose(y, 1.0, [h]).verdict == "outliers"

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal, norm
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import filters, kernels, mixtures, scans, signatures, unrolled
-from sensorlab.gap.catalogue import join
+from sensorlab.gap.catalogue import MIN_PULSE, join
 
 
 def test_severity_is_that_of_the_dense_covariance():
@@ -148,6 +148,29 @@ def test_unrolled_mixture_filters_are_the_general_ones(short, known, names,
                 (one, other),):
             if part is not None:
                 assert_allclose(part, expected, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("first, bias", [(0.3, 3.0), (40.0, 3.0), (40.0, 50.0)])
+def test_a_first_sample_may_be_an_outlier_as_any_other(first, bias):
+    """The sum over all sets of outliers; a filter keeps one law of a level that nobody
+    knows yet.
+    """
+    rng, rate, sigma, wide = np.random.default_rng(5), 0.01, 0.5, 20.0
+    y = 2.0 + sigma * rng.standard_normal(9)
+    y[0] += first
+    scene = Scene(y, DT, {})
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=sigma,
+                                          bias_sigma=bias), "outliers")
+    told = filters.predict(h, scene, (), np.array([[sigma, rate, wide]]))
+    sets = np.array(list(itertools.product((0, 1), repeat=9)))
+    each = np.array([
+        multivariate_normal(np.zeros(9), np.diag(sigma**2 + wide**2 * odd) + bias**2
+                            ).logpdf(y) + np.log(np.where(odd, rate, 1 - rate)).sum()
+        for odd in sets])
+    exact = np.logaddexp.reduce(each)
+    assert_allclose(told.log_likelihood[0, 0], exact, atol=1.0)
+    odd = np.exp(np.logaddexp.reduce(each[sets[:, 0] == 1]) - exact)
+    assert_allclose(told.odd[0, 0, 0], odd, atol=0.02)
 
 
 @pytest.mark.parametrize("known", [0, 1])
@@ -484,10 +507,12 @@ def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
     assert_allclose(solved.residual[0], inverse @ y, atol=1e-9)
     onsets = signatures.Family(CATALOGUE["bias_step"], "")
     found = scans.scores(scene, onsets, solved)
-    for onset in (1, 30, 55, 150, 199):
+    for onset in (1, 2, 3, 30, 55, 150, 197, 198, 199):
         s = (np.arange(200) >= onset).astype(float)
         J = s @ inverse @ s
-        assert_allclose(found.gain[0, onset - 1], (s @ inverse @ y)**2 / J, rtol=1e-7)
+        # with few samples on a side it is no step
+        gain = (s @ inverse @ y)**2 / J if MIN_PULSE <= onset <= 200 - MIN_PULSE else 0
+        assert_allclose(found.gain[0, onset - 1], gain, rtol=1e-7)
         assert_allclose(found.size[0, onset - 1], s @ inverse @ y / J, rtol=1e-7)
         assert_allclose(found.sd[0, onset - 1], J**-0.5, rtol=1e-7)
 

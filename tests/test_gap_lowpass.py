@@ -60,7 +60,7 @@ def test_the_backward_pass_gives_steps_as_they_are_and_as_they_pass(behind):
     for low_pass, passed in (None, np.eye(N)), (one, L):
         family = signatures.Family(CATALOGUE["bias_step"], "", low_pass=low_pass)
         found = scans.scores(scene, family, solved)
-        for onset in (1, 30, 99, 104, 150, 236):
+        for onset in (3, 30, 99, 104, 150, 234):
             s = passed @ (np.arange(N) >= onset)
             J, number = s @ inverse @ s, s @ inverse @ y
             assert_allclose(found.sd[0, onset - 1]**-2, J, rtol=2e-3)

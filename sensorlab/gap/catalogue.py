@@ -792,7 +792,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="random walk, slow transient",
            experiment="record longer"),
     Effect("bias_step", columns=_from_onset, search="onset",
-           parameters=lambda s: (_onset(s),),
+           parameters=lambda s: (_onset(s, MIN_PULSE),),
            equation="y + size from t = onset on; onset in s, size in u",
            resembles="random walk, one stuck interval",
            experiment="look for what happened at the onset: a knock, a restart"),

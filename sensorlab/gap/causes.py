@@ -13,7 +13,8 @@ from sensorlab.gap.account import (
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import (
-    around, directed, estimate_signature, estimated_beside, nodes_for, onsets_nearby)
+    directed, estimate_signature, estimated_beside, nodes_for, onsets_nearby,
+    part_about)
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort, onset_law
 from sensorlab.gap.filters import filter_of, log_likelihoods, predict
@@ -623,7 +624,8 @@ def _seen_elsewhere(scene, acc, plain, reference, rival, one, found):
     near = onsets_nearby(scene, one, NEARBY)
     if len(near) < 2:
         return searched, (one, found)
-    part = slice(None) if acc.member.onsets or acc.member.driven else around(scene, one)
+    part = slice(None) if acc.member.onsets or acc.member.driven else (
+        part_about(scene, one))
     seen, sought = (np.array([log_likelihoods(own.member, at.cut(part), [
         s._replace(columns=s.columns[part]) for s in (*own.signatures, other)],
         own.theta[None])[0] for other in near])

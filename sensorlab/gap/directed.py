@@ -285,7 +285,7 @@ def onsets_nearby(scene, one, most):
 AROUND = 4000    # samples to either side of an onset, which tell where it is nearby
 
 
-def around(scene, one):
+def part_about(scene, one):
     """The part of a scene, a slice, about the onset of a `Signature`."""
     at = round(one.found.values["onset"] / scene.dt)
     return slice(max(at - AROUND, 0), at + AROUND)

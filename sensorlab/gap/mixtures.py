@@ -45,6 +45,65 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
     and one record begins at either: two filters, which are never merged. Of steps, see
     `steps`.
     """
+    parts = H, own, pair, later, r, outlier, jump, moved
+    total = _mixed(y, *parts, out)
+    odd = _odd_at_first(y) if outlier[:, 0].any() else []
+    if len(odd):
+        rest, beside = y[odd], np.full((len(odd), *out.shape[1:]), np.nan)
+        rest[:, 0] = np.nan
+        others = _log_of_outlier(y[odd], *parts) + _mixed(rest, *parts, beside)
+        share = np.exp(others - np.logaddexp(total[odd], others))[:, :out.shape[1]]
+        _weigh_first(beside, share, odd, out)
+        total[odd] = np.logaddexp(total[odd], others)
+    return total
+
+
+ODD_AT_FIRST = 5.0    # median deviations of its neighbours, from which on it may be one
+NEIGHBOURS = 8        # that tell where they lie
+KNOWN = 64            # samples that tell what a first one is beside them
+
+
+def _odd_at_first(y):
+    """Numbers of those records (R, N) whose first sample lies away from the next ones:
+    a filter that knows no level yet takes it for that, and cannot think again.
+    """
+    seen = np.flatnonzero(~np.isnan(y[:, :1 + NEIGHBOURS]).any(1))
+    first, near = y[seen, 0], y[seen, 1:1 + NEIGHBOURS]
+    middle = np.median(near, axis=1)
+    spread = np.median(np.abs(near - middle[:, None]), axis=1)
+    return seen[np.abs(first - middle) > ODD_AT_FIRST * spread]
+
+
+def _log_of_outlier(y, H, own, pair, later, r, outlier, *rest):
+    """Log densities (R, M) of the first samples of records y (R, N) as outliers, beside
+    what the next ones tell, and that they are.
+    """
+    noise = np.broadcast_to(r, (len(r), y.shape[1]))[:, :KNOWN].copy()
+    y, H = y[:, :KNOWN], H[:KNOWN]
+    nothing = np.empty((len(y), len(outlier), 0, y.shape[1]))
+    without = np.where(np.arange(y.shape[1]) > 0, y, np.nan)
+    unseen = _mixed(without, H, own, pair, later, noise, outlier, *rest, nothing)
+    noise[:, 0] += outlier[:, 1]
+    seen = _mixed(y, H, own, pair, later, noise, outlier, *rest, nothing)
+    with np.errstate(divide="ignore"):    # some nodes may have none
+        return np.log(outlier[:, 0]) + seen - unseen
+
+
+def _weigh_first(beside, share, odd, out):
+    """Make what is told `out` (R, K, rows, N) of records number `odd` that where their
+    first sample is an outlier, `beside` it, by the `share` (O, K) that this has.
+    """
+    if not out.shape[2]:
+        return
+    share, own = share[:, :, None, None], out[odd]
+    told = np.where(np.isnan(beside), own, (1.0 - share) * own + share * beside)
+    if out.shape[2] > 2:
+        told[:, :, 2, 0] += share[:, :, 0, 0] * (1.0 - told[:, :, 2, 0])
+    out[odd] = told
+
+
+def _mixed(y, H, own, pair, later, r, outlier, jump, moved, out):
+    """`mixture_filters` but for a first sample that is an outlier."""
     second = jump[:, 0] / np.maximum(jump[:, 0] + jump[:, 1], 1e-300)
     parts = H, own, pair, later, r, outlier, np.column_stack([jump, second]), moved
     if not jump[:, 2].any():

@@ -17,11 +17,15 @@ from sensorlab.gap.signatures import (
 
 
 def step_scores(scene, solved):
-    """`Scores` of steps at every onset."""
+    """`Scores` of steps at every onset; nothing is for one that has fewer samples on a
+    side than a pulse: these are outliers.
+    """
     size, J = np.empty((2, len(solved.base), len(scene.y) - 1))
     for node in range(len(solved.base)):
         _step_sizes(node, *solved[1:5], solved.rounding[node], size[node], J[node])
-    return Scores(scene.time[1:], size * size * J, size, 1.0 / np.sqrt(J), 1)
+    gain, few = size * size * J, MIN_PULSE - 1
+    gain[:, :few] = gain[:, -few:] = 0.0
+    return Scores(scene.time[1:], gain, size, 1.0 / np.sqrt(J), 1)
 
 
 def step_scan(scene, family, one):

@@ -286,8 +286,8 @@ def _exchanged(full, acc, path, leaves, lesser, effects, twins, settled):
         name = path.found[number].name
         look = further_causes(scene, less, effects, known=(
             name, acc.log_evidence - less.log_evidence))
-        here = sum(c.probability for c in look.causes if c.effect == name and
-                   _is_as(c.found[0], path.found[number]))
+        here = sum(c.probability for c in look.causes if c.effect == name
+                   and _is_same(c.found[0], path.found[number]))
         best = next(c for c in look.causes if c.found)
         if here < COMPARABLE and not (look.account is not None and _net(
                 look.account, best.found[0], full) > _net(acc, path.found[number], full)
@@ -318,8 +318,8 @@ def _exchanged(full, acc, path, leaves, lesser, effects, twins, settled):
     return _Exchanged(acc, lesser, path, leaves)
 
 
-def _is_as(one, other):
-    """Is an effect in what another of its name is in? Wrong parameters are several."""
+def _is_same(one, other):
+    """Are two effects of one name the same? Of wrong parameters there are several."""
     return not one.effect.factor or (
         one.values["parameter"][0] == other.values["parameter"][0])
 
