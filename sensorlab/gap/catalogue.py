@@ -829,8 +829,8 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="ringing, narrow-band noise, sinusoid",
            experiment="look for what ran then: a motor, a passing vehicle"),
     Effect("second_order_drift", columns=_parabola, size="curvature",
-           parameters=lambda s: (Parameter("vertex", -0.5 * s.duration,
-                                           1.5 * s.duration),),
+           becomes="rate_ramp",    # as nearly, with its vertex far away
+           parameters=lambda s: (Parameter("vertex", 0.0, s.duration),),
            equation="y + curvature (t - vertex)^2; vertex in s, curvature in u/s^2",
            resembles="turn-on transient, rate ramp, random walk",
            experiment="record longer"),
