@@ -123,22 +123,27 @@ ROUNDING = 1e-9    # of a number: its range is none
 
 
 def _ranges(parameters, samples):
-    """The parameters of a further record, from posterior samples of L; of those that
-    are never 0 the logarithm, as far as it is known.
-    """
-    result = []
+    """The parameters of a further record, from posterior samples of L records."""
+    result, of_several = [], len(samples) > 1
     for column, p in enumerate(parameters):
-        to, back = (np.log, np.exp) if p.low > 0.0 else (np.asarray, np.asarray)
-        values = [to(s.theta[:, column]) for s in samples]
+        in_logs = of_several and p.low > 0.0
+        values = [s.theta[:, column] for s in samples]
+        values = [np.log(x) for x in values] if in_logs else values
         means = np.array([s.weight @ x for s, x in zip(samples, values)])
         sds = np.array([np.sqrt(s.weight @ (x - m)**2)
                         for s, x, m in zip(samples, values, means)])
-        half = 2.0 * np.sqrt(np.mean(sds**2))
-        if len(samples) > 1:    # what the posterior means scatter is of both kinds
-            own = _half(means)
-            half = max(half, min(own, _half_beside(means, sds)) if p.low > 0.0 else own)
-        middle = means.mean()
-        known = half <= ROUNDING * (1.0 if p.low > 0.0 else abs(middle))
-        result.append(p if known else Parameter(p.symbol, *map(float, back(
-            [middle - half, middle + half]))))
+        middle, half = means.mean(), 2.0 * np.sqrt(np.mean(sds**2))
+        if in_logs:
+            half = max(half / np.sqrt(len(samples)), min(
+                _half(means), _half_beside(means, sds)))
+        elif of_several:    # what the posterior means scatter is of both kinds
+            half = max(half, _half(means))
+        low, high = middle - half, middle + half
+        if half <= ROUNDING * (1.0 if in_logs else abs(middle)):
+            result.append(p)
+        elif in_logs:
+            result.append(Parameter(p.symbol, float(np.exp(low)), float(np.exp(high))))
+        else:
+            result.append(Parameter(p.symbol, float(
+                max(low, 0.05 * middle) if middle > 0.0 else low), float(high)))
     return tuple(result)

@@ -201,8 +201,8 @@ def _in_pieces(t, step, usual):
             start[-1] > MOST * len(t)):
         return None
     slots = i + np.repeat(start - start[0], np.diff(np.append(first, len(t))))
-    gaps = f"{gap.sum()} gap" + "s" * (gap.sum() > 1)
-    return Clock(dt, f" but for {gaps}, off by up to "
+    count = int(gap.sum())
+    return Clock(dt, f" but for {count} gap{'s' * (count > 1)}, off by up to "
                      f"{50 * (high - low).max():.0f} % of it", slots)
 
 
