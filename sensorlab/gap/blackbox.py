@@ -97,7 +97,7 @@ def _half(values):
 
 APART = 0.3    # by which logarithms of a parameter may differ from run to run, a priori
 SPREADS = np.append(0.0, np.geomspace(1e-3, 30.0, 200))    # of these, that are tried
-HALVES = np.geomspace(1e-4, 100.0, 1000)    # of ranges
+HALVES = np.geomspace(1e-4, 100.0, 500)    # of ranges
 
 
 def _half_beside(means, sds):
@@ -107,7 +107,7 @@ def _half_beside(means, sds):
     hierarchical models", Bayesian Anal. 1, 2006).
     """
     spread = APART * SPREADS
-    variance = spread[:, None]**2 + sds**2
+    variance = np.maximum(spread[:, None]**2 + sds**2, 1e-30)    # some are numbers
     weight = 1.0 / variance
     total = weight.sum(1)
     middle = (weight * means).sum(1) / total
