@@ -11,7 +11,7 @@ from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
 from sensorlab.gap.catalogue import beside, join
 from sensorlab.gap.effects import Effect, Found, Simulator, known_values, signature_of
 from sensorlab.gap.evidence import effort, integrate, log_sum, onset_law
-from sensorlab.gap.filters import estimated, log_likelihoods, predict, solve
+from sensorlab.gap.filters import estimated, log_likelihoods, part_of, predict, solve
 from sensorlab.gap.mixtures import smoothed
 from sensorlab.gap.screens import LAWS, STRENGTHS, change_of_drive, usual_variance
 from sensorlab.gap.spectra import posterior_law
@@ -153,12 +153,10 @@ def _before_change(h, keys, scene, signatures, other, sample):
     change = change_of_drive(
         h.driven.effect, scene, other, signatures,
         sample.likeliest)
-    early = slice(change.onset)
-    cut, part = [s._replace(columns=s.columns[early]) for s in signatures], scene.cut(
-        early)
+    early, known = part_of(scene, signatures, slice(change.onset))
     free = [other.keys[c] for c in free_columns(other.parameters)]
     told = integrate(
-        lambda theta: log_likelihoods(other, part, cut, theta)[:, None],
+        lambda theta: log_likelihoods(other, early, known, theta)[:, None],
         other.parameters, effort=effort(scene)).law if free else (
         np.zeros(0), np.zeros((0, 0)))
     ratio, x = (h.driven.key, "ratio"), ndtri(change.quantile)

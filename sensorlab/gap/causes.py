@@ -17,11 +17,11 @@ from sensorlab.gap.directed import (
     part_about)
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort, onset_law
-from sensorlab.gap.filters import filter_of, log_likelihoods, predict
+from sensorlab.gap.filters import filter_of, log_likelihoods, part_of, predict
 from sensorlab.gap.lowpass import families_passing, low_pass_of, signature_passing
 from sensorlab.gap.readings import NOISY, as_read, less_rounding
 from sensorlab.gap.screens import (
-    FEW, HEAD, LITTLE, SCREENS, change_of_drive, change_of_level, screened,
+    FEW, HEAD, LITTLE, SCREENS, change_of_drive, change_of_level, middles, screened,
     usual_variance)
 from sensorlab.gap.signatures import families
 from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
@@ -626,9 +626,8 @@ def _seen_elsewhere(scene, acc, plain, reference, rival, one, found):
         return searched, (one, found)
     part = slice(None) if acc.member.onsets or acc.member.driven else (
         part_about(scene, one))
-    seen, sought = (np.array([log_likelihoods(own.member, at.cut(part), [
-        s._replace(columns=s.columns[part]) for s in (*own.signatures, other)],
-        own.theta[None])[0] for other in near])
+    seen, sought = (np.array([log_likelihoods(own.member, *part_of(
+        at, (*own.signatures, other), part), own.theta[None])[0] for other in near])
         for at, own in ((scene, acc), (plain, reference)))
     best = near[seen.argmax()]
     mean, sd = found.values["onset"]
@@ -761,7 +760,6 @@ def in_best_forms(full, acc, found):
         return acc
     scene = as_read(full, acc.readings)
     head = slice(None if acc.member.onsets else HEAD)
-    seen = scene.cut(head)
     for number in in_forms:
         own = _inside(acc, found, number)
         forms = [(hypotheses, signatures) for form, hypotheses in _different(
@@ -770,9 +768,8 @@ def in_best_forms(full, acc, found):
             for signatures in _before_or_after(acc, hypotheses, scene)]
         if len(forms) < 2:
             continue
-        here, *others = side_by_side(lambda form: _near(seen, [
-            s._replace(columns=s.columns[head]) for s in form[1]], acc,
-            form[0][acc.best], own.key), forms)
+        here, *others = side_by_side(lambda form: _near(
+            *part_of(scene, form[1], head), acc, form[0][acc.best], own.key), forms)
         best = int(np.argmax(others))
         if others[best] > here:
             new = account(scene, acc.bases, *forms[1 + best], acc.readings, acc)
@@ -1062,8 +1059,7 @@ def _pulled(wide, p, sample, column, scene, signatures):
     if sample.sd()[column] < RESOLVED * p.sd:
         return False
     theta = np.tile(sample.likeliest, (OUTSIDE, 1))
-    theta[:, column] = wide.parameters[column].quantile(
-        (np.arange(OUTSIDE) + 0.5) / OUTSIDE)
+    theta[:, column] = wide.parameters[column].quantile(middles(OUTSIDE))
     return log_likelihoods(wide, scene, signatures, theta).max() > (
         sample.log_likelihood.max() + PULL)
 

@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from sensorid import LOG_2PI, side_by_side
 from sensorlab.gap.account import account
 from sensorlab.gap.distance import distance
+from sensorlab.gap.filters import part_of
 from sensorlab.gap.kernels import row_products
 from sensorlab.gap.readings import as_read
 
@@ -95,13 +96,11 @@ def held_out(scene, start, final, trials=None, seed=0):
             not s.columns[:cut].any() for s in final.signatures):
         return None
     seen = as_read(scene, final.readings)
-    head = seen.cut(slice(cut))
 
     def fitted(acc):
+        head, known = part_of(seen, acc.signatures, slice(cut))
         return account(head, acc.bases, [h.fixed(onsets) for h in acc.hypotheses],
-                       tuple(s._replace(columns=s.columns[:cut])
-                             for s in acc.signatures),
-                       acc.readings, None if onsets else acc)
+                       known, acc.readings, None if onsets else acc)
     *fits, flexible = side_by_side(lambda work: work(), (
         lambda: fitted(start), lambda: fitted(final), lambda: _flexible(seen, cut)))
     gaps = []

@@ -34,6 +34,12 @@ class Signature(NamedTuple):
         return bool(self.held) and not self.gain
 
 
+def part_of(scene, signatures, part):
+    """A slice of a scene, and `Signature`s as they are there."""
+    return scene.cut(part), tuple(
+        s._replace(columns=s.columns[part]) for s in signatures)
+
+
 class Predicted(NamedTuple):
     """What a mixture filter makes of R records at M nodes."""
 

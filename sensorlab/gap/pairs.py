@@ -13,9 +13,9 @@ from sensorid import brief
 from sensorlab.gap.account import account, gaussian
 from sensorlab.gap.causes import further_causes, with_signature
 from sensorlab.gap.effects import Found
-from sensorlab.gap.filters import Signature, filter_of, log_likelihoods
+from sensorlab.gap.filters import Signature, filter_of, log_likelihoods, part_of
 from sensorlab.gap.kernels import row_products
-from sensorlab.gap.screens import HEAD, LAWS, LITTLE
+from sensorlab.gap.screens import HEAD, LAWS, LITTLE, middles
 from sensorlab.gap.signatures import Family, columns_at, families
 
 ONSETS = 48          # of a step
@@ -83,16 +83,13 @@ def _stood_in_for(odd, scene, acc):
         h.effects[-2].key, h.effects[-1].key)]
     if len(own) > MOST_IN_GRID or h.onsets:
         return False
-    head = slice(HEAD)
-    seen, known = scene.cut(head), [
-        s._replace(columns=s.columns[head]) for s in acc.signatures]
-    u = np.stack(np.meshgrid(*len(own) * [(np.arange(STOOD_IN) + 0.5) / STOOD_IN]),
-                 -1).reshape(-1, len(own))
+    head = part_of(scene, acc.signatures, slice(HEAD))
+    u = np.stack(np.meshgrid(*len(own) * [middles(STOOD_IN)]), -1).reshape(-1, len(own))
     theta = np.tile(acc.member.matching(h, acc.theta), (len(u), 1))
     for column, values in zip(own, u.T):
         theta[:, column] = h.parameters[column].quantile(values)
-    return log_likelihoods(h, seen, known, theta).max() > log_likelihoods(
-        acc.member, seen, known, acc.theta[None])[0]
+    return log_likelihoods(h, *head, theta).max() > log_likelihoods(
+        acc.member, *head, acc.theta[None])[0]
 
 
 def _worth(pair):

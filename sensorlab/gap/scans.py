@@ -46,12 +46,16 @@ EXACT_CYCLES = 20    # in a record: below, its ends count, and the spectrum of a
                      # is no measure of the information
 
 
+def _padded(scene):
+    """Length of a record with zeros behind it, whose spectrum is scanned."""
+    return next_fast_len(PADDING * len(scene.y), real=True)
+
+
 def _frequency_scan(scene, family, one):
     """Of the information below EXACT_CYCLES, in a long record that of whole cycles and
     between them by interpolation; above by the spectrum.
     """
-    N = len(scene.y)
-    n = next_fast_len(PADDING * N, real=True)
+    N, n = len(scene.y), _padded(scene)
     line, last = np.fft.rfft(one.residual, n), n // 2 + 1 - PADDING
     first, split = (min(-(-cycles * n // N), last) for cycles in (
         MIN_CYCLES, EXACT_CYCLES))
@@ -210,10 +214,9 @@ def _with_shares(found, log_share):
 def _line_in_cells(scene, family, one, frequency):
     """The same of sinusoids."""
     (prior,), apart = family.effect.parameters(scene), 1.0 / scene.duration
-    family = _resolved_list(scene, family, one, (
+    _, found = _resolved_list(scene, family, one, (
         max(frequency - apart, prior.low), min(frequency + apart, prior.high)))
-    found = scores_at(scene, family, one)
-    cell = 1.0 / (next_fast_len(PADDING * len(scene.y), real=True) * scene.dt)
+    cell = 1.0 / (_padded(scene) * scene.dt)
     return _with_shares(found, np.log((found.psi[1] - found.psi[0]) / cell)), None
 
 
@@ -274,12 +277,12 @@ def _bayes_of_list(scene, family, solved, one, table):
     worth = mean_bayes(found.gain, table[found.k])
     if is_coarse(scene, family) and found.gain[likeliest].max() > SHARP:
         (prior,) = family.effect.parameters(scene)
-        finer, _ = refined(scene, family, one)
+        _, ends = _with_mass(found.psi, found.gain[likeliest])
+        finer, there = _resolved_list(scene, family, one, ends)
         low, high = finer.psi[0], finer.psi[-1]
         share = np.log(np.log(high / low) / np.log(prior.high / prior.low) if prior.log
                        else (high - low) / (prior.high - prior.low))
-        (there,) = mean_bayes(scores_at(scene, finer, one).gain, table[found.k])
-        worth += there + share - worth[likeliest]
+        worth += mean_bayes(there.gain, table[found.k]) + share - worth[likeliest]
     return worth
 
 
@@ -372,12 +375,12 @@ def refined(scene, family, one, grid=None):
         # the scan may have parts on either side
         ends = (max(ends[0] if ends[0] > psi[0] else prior.low, top - apart),
                 min(ends[1] if ends[1] < psi[-1] else prior.high, top + apart))
-    return _resolved_list(scene, family, one, ends), None
+    return _resolved_list(scene, family, one, ends)[0], None
 
 
 def _resolved_list(scene, family, one, ends):
     """The family with values of its parameter between two ends, about the best, which
-    resolve what has mass.
+    resolve what has mass; and its `Scores`.
     """
     (prior,) = family.effect.parameters(scene)
     for _ in range(MOST_GRIDS):
@@ -387,7 +390,7 @@ def _resolved_list(scene, family, one, ends):
         count, ends = _with_mass(found.psi, found.gain[0])
         if count >= RESOLVED:
             break
-    return family
+    return family, found
 
 
 def _with_mass(psi, gain):

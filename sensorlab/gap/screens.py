@@ -11,7 +11,7 @@ from numba import njit
 from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import LOG_2PI, side_by_side
-from sensorlab.gap.filters import log_likelihoods, predict
+from sensorlab.gap.filters import log_likelihoods, part_of, predict
 from sensorlab.gap.kernels import KERNEL
 from sensorlab.gap.mixtures import smoothed
 
@@ -44,7 +44,7 @@ def screened(effect, scene, z, variance):
     return float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0))
 
 
-def _middles(count):
+def middles(count):
     """Quantiles of a prior in the middle of so many equal parts."""
     return (np.arange(count) + 0.5) / count
 
@@ -85,7 +85,7 @@ def _outliers(scene, priors, z, variance):
     count, _ = np.histogram(seen, edges)
     square = (0.5 * (edges[1:] + edges[:-1])[count > 0])**2
     count = count[count > 0]
-    rate, sigma = (p.quantile(_middles(RATIOS)) for p in priors)
+    rate, sigma = (p.quantile(middles(RATIOS)) for p in priors)
     wide = sigma**2 / variance
 
     def gains(scale):
@@ -117,7 +117,7 @@ def _at_best_scale(gains, scales, count):
 def _bursts(scene, priors, z, variance):
     """Gains (quiets, durations, sigmas) of the log-likelihood over that of even noise.
     """
-    values = [p.quantile(_middles(OF_BURSTS)) for p in priors]
+    values = [p.quantile(middles(OF_BURSTS)) for p in priors]
     return _at_best_scale(lambda scale: _gains_of_bursts(
         scene, values, z, variance, [scale])[0], QUIET_SCALES, np.sum(~np.isnan(z)))
 
@@ -261,8 +261,7 @@ def change_of_level(effect, scene, member, signatures, theta):
         driven = [symbol == "sigma_v" for _, symbol in member.keys]
 
     def up_to(samples):
-        seen, known = scene.cut(slice(samples)), [
-            s._replace(columns=s.columns[:samples]) for s in signatures]
+        seen, known = part_of(scene, signatures, slice(samples))
         return seen, known, log_likelihoods(member, seen, known, theta[None])
     whole = up_to(len(scene.y))
     head = whole if member.onsets or len(scene.y) <= HEAD else up_to(HEAD)
@@ -276,7 +275,7 @@ def change_of_level(effect, scene, member, signatures, theta):
             [theta * np.where(driven, at[:, :1], 1.0), *own])) - even
         return at[gain.argmax()], gain.reshape(len(strengths), -1).max(0)
     p = len(priors)
-    (strength, *u), gain = gains(head, DRIVEN, *p * [_middles(LEVEL_NODES)])
+    (strength, *u), gain = gains(head, DRIVEN, *p * [middles(LEVEL_NODES)])
     finer, worth, highest = np.arange(-1, 2) / 3.0, -np.inf, -np.inf
     for closer in range(CLOSER):
         apart = 3.0**-closer * finer    # a strong one is at home in a small part
@@ -294,7 +293,7 @@ def law_of_outliers(scene, effect, z, variance):
     """Probability (N,) that samples of these normal scores are outliers; mean (2,) and
     covariance (2, 2) of rate and sigma in coordinates where their prior is N(0, I).
     """
-    u = _middles(RATIOS)
+    u = middles(RATIOS)
     priors = effect.parameters(scene)
     gain = _outliers(scene, priors, z, variance)
     x = np.stack(np.meshgrid(ndtri(u), ndtri(u), indexing="ij"), -1).reshape(-1, 2)
@@ -314,7 +313,7 @@ def law_of_bursts(scene, effect, z, variance):
     mean (3,) and covariance (3, 3) of its parameters in coordinates where their prior
     is N(0, I).
     """
-    u = _middles(OF_BURSTS)
+    u = middles(OF_BURSTS)
     values = [p.quantile(u) for p in effect.parameters(scene)]
     gain = _gains_of_bursts(scene, values, z, variance)
     scale, *best = np.unravel_index(gain.argmax(), gain.shape)
