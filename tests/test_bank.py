@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import paper_case
+from conftest import large, paper_case
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
@@ -225,7 +225,7 @@ def test_processes_abreast_equal_the_general_filter():
 
 
 @pytest.mark.parametrize("mixed", [False, True])
-@pytest.mark.parametrize("n", [2, 3, 5, 6])
+@pytest.mark.parametrize("n", [2, large(3), large(5), 6])
 def test_unrolled_loops_do_what_a_dense_covariance_does(monkeypatch, n, mixed):
     rng = np.random.default_rng(n)
     Phi = np.diag(rng.uniform(0.3, 0.95, n))
@@ -262,8 +262,7 @@ def test_unrolled_loops_do_what_a_dense_covariance_does(monkeypatch, n, mixed):
             assert_allclose(part, its, rtol=1e-10)
 
 
-@pytest.mark.parametrize("n, mixed", [(1, False), (2, True), *(
-    pytest.param(*own, marks=pytest.mark.large) for own in ((5, False), (6, True)))])
+@pytest.mark.parametrize("n, mixed", [(1, False), (2, True), large(5, False), large(6, True)])
 @pytest.mark.parametrize("stops", [[900], [333, 900]])
 def test_noise_that_changes_seldom_does_what_a_dense_covariance_does(n, mixed, stops):
     rng = np.random.default_rng(n)

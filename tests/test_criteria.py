@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from conftest import paper_case, same
+from conftest import large, paper_case, same
 
 import sensorid as s
 
@@ -9,7 +9,7 @@ def curves(c):
     return dict(zip(("error", *c.labels), (c.error_probability, *c.rsd)))
 
 
-@pytest.mark.parametrize("number", [1, 2, pytest.param(3, marks=pytest.mark.large)])
+@pytest.mark.parametrize("number", [1, 2, large(3)])
 def test_real_and_calculated_criteria_coincide(number):
     """The paper's own test of validity, for every parameter at several times.
 

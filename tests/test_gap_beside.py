@@ -3,7 +3,7 @@
 import generator
 import numpy as np
 import pytest
-from conftest import DT, diagnosed, member
+from conftest import DT, diagnosed, large, member
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sensorid
@@ -53,7 +53,7 @@ def test_a_process_is_found_beside_a_change_of_noise_at_an_unknown_time():
 
 
 @pytest.mark.parametrize("names", [("walk_step", "sinusoid"),
-                                   ("outliers", "random_steps")])
+                                   large("outliers", "random_steps")])
 def test_what_is_strong_does_not_keep_another_from_being_sought(names):
     """A walk that changes shows in no spectrum; outliers are two steps each."""
     values = dict(walk_step=dict(onset=2500.0, ratio=4.0), outliers=SIZES["outliers"],

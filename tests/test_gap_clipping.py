@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import large
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import lfilter
 from scipy.stats import norm
@@ -69,8 +70,7 @@ def test_what_has_no_noise_is_unclipped_without_end_or_error(x):
     assert np.all((filled[x >= high] >= high) | np.isnan(filled[x >= high]))
 
 
-@pytest.mark.parametrize("lsb", [0.02, 0.2, pytest.param(0.1, marks=pytest.mark.large),
-                                 pytest.param(0.5, marks=pytest.mark.large)])
+@pytest.mark.parametrize("lsb", [0.02, 0.2, large(0.1), large(0.5)])
 def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
     rng = np.random.default_rng(4)
     for _ in range(20):
@@ -84,7 +84,7 @@ def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
         assert_allclose(seen, high)
 
 
-@pytest.mark.parametrize("share", [0.03, 0.15])
+@pytest.mark.parametrize("share", [large(0.03), 0.15])
 def test_beneath_limits_the_noise_is_right_and_a_line_is_found(share):
     rng, time = np.random.default_rng(5), 0.01 * np.arange(3000)
     x = rng.standard_normal(3000)

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import pytest
 from conftest import (
-    DT, MODEL, WHITE, WHITE_OF_A_RANGE, diagnosed, member, white_with)
+    DT, MODEL, WHITE, WHITE_OF_A_RANGE, diagnosed, large, member, white_with)
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
@@ -78,7 +78,7 @@ KINDS = "bias_step", "sinusoid", "correlated_noise", "outliers", "quantization"
 
 
 @pytest.mark.parametrize("effect", [
-    e if e in KINDS else pytest.param(e, marks=pytest.mark.large)
+    e if e in KINDS else large(e)
     for e in (*generator.ADDITIVE[1:], *generator.OTHERS)])
 def test_a_plain_effect_is_named(effect):
     record = generator.record(100, 7, [effect], level=4)
@@ -187,9 +187,8 @@ def test_noise_that_is_quiet_at_times_comes_in_bursts():
     assert diagnosed(record).verdict == "noise_bursts"
 
 
-@pytest.mark.parametrize("effect", ["pulse", *(
-    pytest.param(e, marks=pytest.mark.large)
-    for e in ("second_order_drift", "hysteresis"))])
+@pytest.mark.parametrize("effect", [
+    "pulse", large("second_order_drift"), large("hysteresis")])
 def test_what_drifts_returns_or_lags_is_named(effect):
     record, t = generator.record(620, 2), np.arange(generator.N)
     T = record["temperature"] = 25.0 + 5.0 * np.sin(2.0 * np.pi * t / 900.0)
@@ -230,7 +229,7 @@ def test_a_wrong_parameter_is_named_once():
     ("bandwidth", "second order", dict(tau=0.7)),
     ("bandwidth", "digital first order", dict(tau=1.5)),
     ("blue_noise", "", dict(tau=1.0, sigma=0.8)), *(
-        pytest.param(*one, marks=pytest.mark.large) for one in (
+        large(*one) for one in (
             ("narrow_band_noise", "", dict(frequency=0.02, tau=100.0, sigma=0.5)),
             ("bandwidth", "first order", dict(tau=0.7)),
             ("bandwidth", "digital", dict(tau=1.5)),
@@ -250,7 +249,7 @@ def test_a_colour_is_named(effect, variant, values):
 
 @pytest.mark.parametrize("effect, variant, values, seed", [
     ("sinusoid", "", dict(frequency=0.0731, amplitude=0.35, phase=0.3), 0),
-    *(pytest.param(*own, marks=pytest.mark.large) for own in (
+    *(large(*own) for own in (
         ("bandwidth", "first order", dict(tau=1.5), 0),
         ("bandwidth", "first order", dict(tau=1.5), 1),
         ("narrow_band_noise", "", dict(frequency=0.12, tau=60.0, sigma=0.6), 1),
@@ -307,8 +306,7 @@ def test_another_form_of_a_low_pass_is_a_wrong_parameter():
     assert sensorlab.diagnose(y, DT, sensorlab.augmented(d)).verdict == "none"
 
 
-@pytest.mark.parametrize("ratio", [
-    5.0, pytest.param(0.2, marks=pytest.mark.large)])
+@pytest.mark.parametrize("ratio", [5.0, large(0.2)])
 def test_a_change_of_what_drives_a_walk_is_named(ratio, tmp_path):
     """No line, and no drift, is seen in the louder part of it."""
     rng = np.random.default_rng(4)
@@ -360,7 +358,7 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
 
 
-@pytest.mark.parametrize("known_to", [0.0, 0.003])
+@pytest.mark.parametrize("known_to", [large(0.0), 0.003])
 def test_a_parameter_of_an_effect_of_the_simulator_may_be_wrong(known_to):
     band, h = sensorlab.CATALOGUE["narrow_band_noise"], sensorid.hypothesis(
         "white_noise", sigma_v=0.5)
@@ -544,8 +542,7 @@ def test_a_ringing_may_last_as_long_as_a_burst():
     assert abs(mean - 330.0) < 3.0 * sd
 
 
-@pytest.mark.parametrize("name", [
-    "bias_step", pytest.param("ringing", marks=pytest.mark.large)])
+@pytest.mark.parametrize("name", ["bias_step", large("ringing")])
 def test_what_happened_once_is_there_or_not_in_another_record(name):
     y, again = np.random.default_rng(11).standard_normal((2, 1500))
     t = np.arange(1500.0) - 600.0
@@ -558,8 +555,9 @@ def test_what_happened_once_is_there_or_not_in_another_record(name):
     assert sensorlab.diagnose(y, 1.0, model).verdict == "none"
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("sigma_w, passes", [    # it, too, as in a sensor
-    (0.02, False), pytest.param(0.1, True, marks=pytest.mark.large)])
+    (0.02, False), (0.1, True)])
 def test_a_low_pass_is_seen_beside_a_walk(sigma_w, passes):
     rng, tau = np.random.default_rng(1), 1.8
     w = rng.standard_normal(2600)
@@ -625,7 +623,7 @@ def test_what_joins_an_account_makes_a_form_that_uneven_noise_can_have():
 
 
 @pytest.mark.parametrize("ends", [
-    (0.95, 1.05), pytest.param((0.5, 1.0), marks=pytest.mark.large), (0.1, 1.0)])
+    (0.95, 1.05), large((0.5, 1.0)), large((0.1, 1.0))])
 def test_a_factor_is_that_over_a_number_or_over_the_nearest_end(ends):
     y = 1.4 * np.random.default_rng(3).standard_normal(4000)
     d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=ends)])
@@ -670,7 +668,7 @@ def test_a_coarse_lattice_is_seen_beside_an_effect_that_the_simulator_has():
         "correlated_noise", "quantization"]
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, large(1)])
 def test_counts_coarser_than_the_noise_are_told_from_what_lies_beneath(seed):
     # what rounding adds passes for bursts of noise, in both, if it is not looked at
     # what records without bursts have
@@ -797,8 +795,7 @@ def test_no_verdict_hangs_on_the_unit(unit):
         assert_allclose(probable(unit), probable(1.0), atol=0.01)
 
 
-@pytest.mark.parametrize("offset", [pytest.param(
-    1e5, marks=pytest.mark.large), -1e9])
+@pytest.mark.parametrize("offset", [large(1e5), -1e9])
 def test_no_verdict_hangs_on_a_large_offset(offset):
     y = np.random.default_rng(3).normal(size=600) + 4.0 * (np.arange(600) > 250)
     near, far = (sensorlab.diagnose(y + b, DT, WHITE) for b in (0.0, offset))
@@ -891,7 +888,7 @@ def test_a_record_in_another_unit_than_the_simulator_is_refused():
         sensorlab.diagnose(1e6 * y, DT, WHITE)
 
 
-@pytest.mark.parametrize("at", [0, -1])
+@pytest.mark.parametrize("at", [0, large(-1)])
 def test_one_bad_sample_at_an_end_is_an_outlier_and_no_step(at):
     y = np.random.default_rng(5).standard_normal(1500)
     y[at] += 30.0

@@ -6,7 +6,7 @@ import generator
 import naive
 import numpy as np
 import pytest
-from conftest import DT, MODEL, dense, member, paper_case
+from conftest import DT, MODEL, dense, large, member, paper_case
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal, norm
 
@@ -120,7 +120,7 @@ def test_outliers_in_white_noise_are_an_independent_mixture():
 @pytest.mark.parametrize("known, names", [
     (1, ["outliers"]), (1, ["noise_step", "outliers"]), (1, ["random_telegraph"]),
     (1, ["noise_step", "noise_bursts"]), (1, ["random_steps"]),
-    (0, ["narrow_band_noise", "noise_bursts"])])
+    large(0, ["narrow_band_noise", "noise_bursts"])])
 def test_unrolled_mixture_filters_are_the_general_ones(short, known, names,
                                                        monkeypatch):
     scene, *_ = short

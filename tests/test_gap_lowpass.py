@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import WHITE, bilinear, member
+from conftest import WHITE, bilinear, large, member
 from numpy.testing import assert_allclose
 from scipy import signal
 
@@ -164,8 +164,7 @@ def test_what_is_there_before_a_low_pass_takes_the_form_that_passes_it():
     assert lowpass.signature_passing(low_pass, line, scene, True) is line
 
 
-@pytest.mark.parametrize("before", [True, pytest.param(
-    False, marks=pytest.mark.large)])
+@pytest.mark.parametrize("before", [True, large(False)])
 def test_a_step_is_found_before_a_low_pass_and_behind_it(before):
     """Before it a sharp edge would be impossible where the low-pass stops all."""
     rng = np.random.default_rng(3)

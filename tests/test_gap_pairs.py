@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import large
 from numpy.testing import assert_allclose
 
 import sensorid
@@ -27,7 +28,7 @@ def sized(names, nats):
 
 
 @pytest.mark.parametrize("names", [("bias_step", "temperature"), *(
-    pytest.param(names, marks=pytest.mark.large) for names in (
+    large(names) for names in (
         ("pulse", "temperature"), ("bias_step", "turn_on_transient")))])
 def test_two_signatures_are_not_taken_for_a_walk(names):
     noise = np.random.default_rng(5).standard_normal(N)

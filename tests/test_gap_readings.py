@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL, WHITE
+from conftest import DT, MODEL, WHITE, large
 from numpy.testing import assert_allclose
 from scipy.signal import butter, lfilter
 from scipy.stats import norm
@@ -199,7 +199,7 @@ def held_at_random(y, share, rng):
 
 @pytest.mark.parametrize("share, lsb", [
     (0.02, 0.0), (0.3, 0.0), (0.1, 0.06), (0.1, 0.15),
-    pytest.param(0.25, 0.2, marks=pytest.mark.large)])
+    large(0.25, 0.2)])
 def test_samples_that_repeat_at_random_are_read(share, lsb):
     rng = np.random.default_rng(7)
     y = 0.5 * rng.standard_normal(4000) + np.cumsum(0.05 * rng.standard_normal(4000))
@@ -405,7 +405,7 @@ def test_codes_of_uneven_width_are_no_limit(seed):
         assert "saturation" not in names
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, large(2)])
 def test_a_clipped_walk_that_went_far_has_no_drift_beside(seed):
     rng = np.random.default_rng(seed)
     y = np.cumsum(0.1 * rng.standard_normal(20_000)) + 0.5 * rng.standard_normal(20_000)
@@ -488,7 +488,7 @@ def test_codes_of_uneven_width_are_read_whatever_else_there_is(kind):
 
 
 @pytest.mark.parametrize("kind", [
-    "white", "walk", "step", "line", pytest.param("outliers", marks=pytest.mark.large),
+    "white", "walk", "step", "line", large("outliers"),
     "bursts", "even", "laplace", "quiet"])
 def test_codes_of_even_width_are_not_uneven(kind):
     for seed in range(20):
@@ -539,7 +539,7 @@ def test_a_converter_is_simulated_as_it_was_read():
     assert d.verdict == "none"
 
 
-@pytest.mark.parametrize("level", [0.0, 0.03])
+@pytest.mark.parametrize("level", [large(0.0), 0.03])
 def test_a_step_between_counts_coarser_than_the_noise_leaves_nothing(level):
     rng = np.random.default_rng(3)
     y = level + 0.05 * rng.standard_normal(4000)

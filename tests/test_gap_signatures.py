@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL, dense, member
+from conftest import DT, MODEL, dense, large, member
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import integrate as quadrature
 from scipy.fft import next_fast_len
@@ -165,7 +165,7 @@ def test_what_matters_is_exact_at_every_node(effect):
     assert_allclose(again, told, rtol=1e-9)
 
 
-@pytest.mark.parametrize("effect", ["ringing", "vibration_burst"])
+@pytest.mark.parametrize("effect", ["ringing", large("vibration_burst")])
 def test_evidence_of_waves_is_a_sum_over_a_fine_grid(effect):
     """A sharp onset between those of a scan costs it many nats."""
     rng, N, dense = np.random.default_rng(3), 900, 21
@@ -390,8 +390,7 @@ def test_waves_are_scored_alike_by_the_part_of_a_record_where_they_are(nodes,
         assert_allclose(part, other, rtol=1e-9)
 
 
-@pytest.mark.parametrize("amplitude", [10.0, pytest.param(
-    1.0, marks=pytest.mark.large), pytest.param(1000.0, marks=pytest.mark.large)])
+@pytest.mark.parametrize("amplitude", [10.0, large(1.0), large(1000.0)])
 def test_a_sinusoid_is_known_as_well_as_its_bound_says(amplitude):
     """By Cramer and Rao: 24 / (A^2 N^3) is the variance of the angular frequency, s = 1
     (D. Rife, R. Boorstyn, IEEE Trans. Inf. Theory 20, 1974).

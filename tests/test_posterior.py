@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from conftest import paper_case
+from conftest import large, paper_case
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.stats import kstest
@@ -65,7 +65,7 @@ def dense(h, dt, Y, nodes):
 
 @pytest.mark.parametrize("number, samples, nodes", [
     (1, 300, {1: 4000, 2: 400}), (2, 1000, {1: 4000, 2: 250}),
-    pytest.param(3, 1000, {2: 400, 3: 75}, marks=pytest.mark.large)])
+    large(3, 1000, {2: 400, 3: 75})])
 def test_zoomed_posterior_equals_a_dense_grid(number, samples, nodes):
     H = paper_case(number)
     Y = s.simulate(H, 0.1, samples, 12, seed=20 + number).error
@@ -289,8 +289,7 @@ def test_drawn_nodes_equal_dense_covariances_at_draws_of_the_prior():
 
 
 @pytest.mark.parametrize("h, seed", [
-    pytest.param(*own, marks=pytest.mark.large)
-    for own in ((THREE_AXES, 1), (FOUR_AXES, 3))])
+    large(THREE_AXES, 1), large(FOUR_AXES, 3)])
 def test_settled_means_that_more_nodes_say_the_same(h, seed, monkeypatch):
     y = s.simulate([h], 1.0, 300, 1, seed=seed).error[0]
     said, few = s.resolve(h, 1.0, y), s.resolve(h, 1.0, y, max_nodes=500)

@@ -323,7 +323,7 @@ def _after_low_passes(effect, acc):
     """
     yield acc.hypotheses
     if effect.model and not effect.jumps and not effect.reading and any(
-            one.variant in one.effect.of_all for one in acc.member.effects):
+            one.acts_on_all for one in acc.member.effects):
         yield [h.behind_low_passes(base) for h, base in zip(acc.hypotheses, acc.bases)]
 
 

@@ -164,6 +164,11 @@ class Found(NamedTuple):
         """Its name among the effects inside a filter."""
         return self.name if self.number == 1 else f"{self.name}_{self.number}"
 
+    @property
+    def acts_on_all(self):
+        """Is it in a form that acts on all processes?"""
+        return self.variant in self.effect.of_all
+
 
 class Simulator(NamedTuple):
     """Hypotheses, equally probable, and the effects of each."""
@@ -259,7 +264,7 @@ class Member(NamedTuple):
         return sorted(self.effects, key=lambda one: (
             not one.effect.drive, not one.effect.jumps,
             one.effect.comes_last or bool(one.effect.reading),
-            one.variant in one.effect.of_all))
+            one.acts_on_all))
 
     @property
     def at_mean(self):
@@ -404,7 +409,7 @@ class Member(NamedTuple):
         known = [one.key for one in base.effects]
         return self._replace(effects=tuple(
             one._replace(variant=f"{one.variant} white noise")
-            if one.variant in one.effect.of_all and one.key not in known else one
+            if one.acts_on_all and one.key not in known else one
             for one in self.effects))
 
     def matching(self, other, theta):

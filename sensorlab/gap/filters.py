@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from sensorid import LOG_2PI, Bank, Modes, Sums, bank, brief, filter_bank, modes
 from sensorlab.gap.effects import BLOCK, Found
 from sensorlab.gap.kernels import (
-    LANES, STEP, adjoint, dot, plain_gains, row_products, whiten, whiten_back)
+    LANES, STEP, adjoint, dot, in_rows, plain_gains, row_products, whiten, whiten_back)
 from sensorlab.gap.mixtures import mixture_filters
 
 
@@ -425,6 +425,7 @@ def _filter_at(own, H, node, gap):
     """`Filter` of one node of `Parts`, which H (N or 1, n) observes."""
     gain, f, states = np.empty((len(gap), H.shape[1])), np.empty(len(gap)), own.own[
         :, node].copy()
+    H, = in_rows(H)
     plain_gains(H, states, own.pair, own.later[node:node + 1], own.r[node], gap, gain,
                 f)
     return Filter(H, states[:2], own.pair, gain, 1.0 / np.sqrt(f), gap)

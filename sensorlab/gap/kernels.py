@@ -56,6 +56,11 @@ def in_threads(kernel, count, *arguments):
                      range(threads)))
 
 
+def in_rows(*arrays):
+    """Arrays laid out row by row: for each other layout a kernel is compiled anew."""
+    return tuple(map(np.ascontiguousarray, arrays))
+
+
 def lanes_for(count, most=MOST_LANES):
     """Lanes, `most` at most, that leave groups for every thread where so many nodes or
     pairs are to be done.
@@ -252,6 +257,7 @@ def whiten(y, H, turned, pair, gain, per_sigma):
     these gains (N, n), one over the standard deviations per_sigma (N,), and turned
     (2, n), the first two numbers of its states.
     """
+    y, = in_rows(y)
     z, lanes = np.empty_like(y), lanes_for(len(y))
     if len(y) == 1:
         _whiten_one(y[0], H, turned, pair, gain, per_sigma, z[0])
@@ -409,6 +415,7 @@ def adjoint(y, observed, h, own, pair, later, r, shock=STEP):
     (C, N), M = y.shape, own.shape[1]
     w, log_det = np.empty((C, M, N)), np.empty(M)
     squares, lanes = np.empty((len(shock.begun), M, N)), lanes_for(M)
+    y, h = in_rows(y, h)
     in_threads(_go_there_and_back, groups(M, lanes), lanes, y, observed, h, own, pair,
                later, r, *shock, w, squares, log_det)
     return w, squares, log_det
@@ -637,7 +644,7 @@ def row_products(rows, columns):
     """rows @ columns.T, each product in an order of its own for any number of threads.
     """
     result = np.zeros((len(rows), len(columns)))
-    arguments = np.ascontiguousarray(rows), np.ascontiguousarray(columns), result
+    arguments = *in_rows(rows, columns), result
     if rows.size * len(columns) < LITTLE:
         _multiply_rows(0, len(rows), *arguments)
     else:

@@ -76,7 +76,7 @@ def _polynomials(variant, cut_off):
 def low_pass_of(member, theta):
     """The `LowPass` that all passes in a hypothesis at theta (p,), or None."""
     return next((LowPass(one.variant, float(member.value(theta, one.key, "tau")))
-                 for one in member.effects if one.variant in one.effect.of_all), None)
+                 for one in member.effects if one.acts_on_all), None)
 
 
 def families_passing(low_pass, listed):

@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 
 from sensorid import INSIDE
 from sensorlab.gap.kernels import (
-    KERNEL, LANES, drive, exponentials, groups, in_threads, lanes_for, load,
-    observe_covariance, observe_state, turn, turn_covariance, update_covariance,
+    KERNEL, LANES, drive, exponentials, groups, in_rows, in_threads, lanes_for,
+    load, observe_covariance, observe_state, turn, turn_covariance, update_covariance,
     update_state)
 from sensorlab.gap.steps import filter_steps
 from sensorlab.gap.unrolled import (
@@ -153,9 +153,8 @@ def _from(begins, y, parts, out=None):
     jump[:, 5] = level
     if out is None:
         out = np.empty((len(y), len(node), 0, y.shape[1]))
-    # laid out as all others are: for another layout the filters were compiled once more
-    return _filtered(y, H, np.ascontiguousarray(own[:, node]), pair, later[node]
-                     if len(later) else later, r[node], outlier[node], jump, moved, out)
+    return _filtered(y, H, own[:, node], pair, later[node] if len(later) else later,
+                     r[node], outlier[node], jump, moved, out)
 
 
 @njit(**KERNEL)
@@ -189,6 +188,7 @@ def _filtered(y, H, own, pair, later, r, outlier, jump, moved, out):
     """`mixture_filters` of records that begin at the second level with the probability
     jump (M, 6) has last.
     """
+    y, own, r = in_rows(y, own, r)
     total = np.empty((len(y), own.shape[1]))
     levels = 2 if jump[:, 2:4].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1

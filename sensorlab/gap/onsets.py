@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import find_peaks
 
 from sensorlab.gap.catalogue import DECAYS, MIN_PULSE, MIN_SHAPED, MIN_SLOW
-from sensorlab.gap.kernels import KERNEL
+from sensorlab.gap.kernels import KERNEL, in_rows
 from sensorlab.gap.signatures import (
     Grid, Scan, Scores, blocks, information, resolved, scores_at, unnamed)
 
@@ -21,8 +21,9 @@ def step_scores(scene, solved):
     side than a pulse: these are outliers.
     """
     size, J = np.empty((2, len(solved.base), len(scene.y) - 1))
+    parts = in_rows(*solved[1:5])
     for node in range(len(solved.base)):
-        _step_sizes(node, *solved[1:5], solved.rounding[node], size[node], J[node])
+        _step_sizes(node, *parts, solved.rounding[node], size[node], J[node])
     gain, few = size * size * J, MIN_PULSE - 1
     gain[:, :few] = gain[:, -few:] = 0.0
     return Scores(scene.time[1:], gain, size, 1.0 / np.sqrt(J), 1)
