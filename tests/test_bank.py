@@ -262,7 +262,8 @@ def test_unrolled_loops_do_what_a_dense_covariance_does(monkeypatch, n, mixed):
             assert_allclose(part, its, rtol=1e-10)
 
 
-@pytest.mark.parametrize("n, mixed", [(1, False), (2, True), large(5, False), large(6, True)])
+@pytest.mark.parametrize("n, mixed", [
+    (1, False), (2, True), large(5, False), large(6, True)])
 @pytest.mark.parametrize("stops", [[900], [333, 900]])
 def test_noise_that_changes_seldom_does_what_a_dense_covariance_does(n, mixed, stops):
     rng = np.random.default_rng(n)
