@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from conftest import large
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
@@ -92,7 +93,7 @@ def write_ros2(folder, plugin):
                 message, "sensor_msgs/msg/Imu"))
 
 
-@pytest.mark.parametrize("kind", ["bag", "sqlite3", "mcap", "folder"])
+@pytest.mark.parametrize("kind", ["bag", large("sqlite3"), "mcap", large("folder")])
 def test_ros_bags_of_both_versions_and_mcap(tmp_path, kind):
     pytest.importorskip("rosbags")
     if kind == "bag":

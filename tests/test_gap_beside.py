@@ -53,7 +53,7 @@ def test_a_process_is_found_beside_a_change_of_noise_at_an_unknown_time():
 
 
 @pytest.mark.parametrize("names", [("walk_step", "sinusoid"),
-                                   large("outliers", "random_steps")])
+                                   large(("outliers", "random_steps"))])
 def test_what_is_strong_does_not_keep_another_from_being_sought(names):
     """A walk that changes shows in no spectrum; outliers are two steps each."""
     values = dict(walk_step=dict(onset=2500.0, ratio=4.0), outliers=SIZES["outliers"],

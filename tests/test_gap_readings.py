@@ -198,8 +198,7 @@ def held_at_random(y, share, rng):
 
 
 @pytest.mark.parametrize("share, lsb", [
-    (0.02, 0.0), (0.3, 0.0), (0.1, 0.06), (0.1, 0.15),
-    large(0.25, 0.2)])
+    (0.02, 0.0), (0.1, 0.06), large(0.3, 0.0), large(0.1, 0.15), large(0.25, 0.2)])
 def test_samples_that_repeat_at_random_are_read(share, lsb):
     rng = np.random.default_rng(7)
     y = 0.5 * rng.standard_normal(4000) + np.cumsum(0.05 * rng.standard_normal(4000))
@@ -270,7 +269,7 @@ def test_uneven_polling_shows_a_rate_but_ties_without_pattern_none():
             r.found.name for r in readings.readings(Scene(other, DT, {}))]
 
 
-@pytest.mark.parametrize("calm", [0.4, 0.8, 1.2, 5.0])    # of a count
+@pytest.mark.parametrize("calm", [0.4, large(0.8), large(1.2), 5.0])    # of a count
 def test_values_meet_by_chance_where_a_record_is_calm(calm):
     for seed in range(20):
         rng = np.random.default_rng(seed)
