@@ -302,7 +302,7 @@ def test_waves_at_the_end_of_their_range_have_a_grid(off):
     solved = filters.solve(member(scene, h), scene, (), np.array([[1.0]]))
     longest = CATALOGUE["ringing"].parameters(scene)[1].high
     family = signatures.Family(CATALOGUE["ringing"], "")
-    family, _ = scans._resolved_waves(scene, family, solved, scans._wave_grid(
+    family, *_ = scans._resolved_waves(scene, family, solved, scans._wave_grid(
         scene, family, 50.0, longest * (1.0 + off), 0.5))
     assert len(family.psi) > 1
 
@@ -437,7 +437,13 @@ def test_a_parabola_needs_no_ramp_beside_it(vertex):
     assert_allclose(mean / N, at, atol=0.3 * sd / N)
 
 
-def test_one_hypothesis_begins_where_another_has_been_resolved():
+def test_one_hypothesis_begins_where_another_has_been_resolved(monkeypatch):
+    scores_at, tried = signatures.scores_at, []
+
+    def counted(scene, family, solved):
+        tried.append(len(family.psi))
+        return scores_at(scene, family, solved)
+    monkeypatch.setattr(signatures, "scores_at", counted)
     N, onset, duration = 600, 200.0, 60.0
     rng = np.random.default_rng(8)
     scene = Scene(rng.standard_normal(N), 1.0, {})
@@ -447,7 +453,10 @@ def test_one_hypothesis_begins_where_another_has_been_resolved():
     one = filters.solve(member(scene, h), scene, (), np.array([[1.0]]))
     family = signatures.Family(CATALOGUE["ringing"], "")
     anew, grid = scans.refined(scene, family, one)
+    assert len(tried) < signatures.MOST_GRIDS    # to one side of an edge it settles
+    tried.clear()
     again, same = scans.refined(scene, family, one, grid)
+    assert len(tried) == 1
     assert_allclose(again.psi, anew.psi)
     moved, _ = scans.refined(scene, family, one, grid._replace(
         middle=grid.middle + grid.apart, apart=2.0 * grid.apart))

@@ -319,7 +319,7 @@ def span_grid(scene, family, onset, duration):
 def resolved_span(scene, family, one, grid):
     """The family about a pulse, on a grid that resolves what is known of its onset and
     of its end, each by itself: of a decay, an onset may be known a hundred times as
-    well. And that `Grid`.
+    well. That `Grid`, and the `Scores`.
     """
     prior, N = family.effect.parameters(scene)[1], len(scene.y)
     n = round(grid.middle[1] - grid.middle[0])

@@ -179,7 +179,7 @@ def _wave_grid(scene, family, onset, duration, frequency):
 
 def _resolved_waves(scene, family, one, grid):
     """The family about waves in an envelope, on a grid that resolves what is known of
-    their onset, duration and frequency, each by itself; and that `Grid`.
+    their onset, duration and frequency, each by itself; that `Grid`; and the `Scores`.
     """
     prior = family.effect.parameters(scene)[1]
 
@@ -197,8 +197,8 @@ def _in_cells(scene, family, one, psi):
     """`Scan` of waves about one that a scan has found, on a grid that resolves them;
     each node has its share of a cell of the scan. And that `Grid`.
     """
-    family, grid = _resolved_waves(scene, family, one, _wave_grid(scene, family, *psi))
-    found = scores_at(scene, family, one)
+    _, grid, found = _resolved_waves(scene, family, one, _wave_grid(
+        scene, family, *psi))
     n = max(round(float(np.exp(grid.middle[1])) / scene.dt), 1)
     cell = max(n // WAVE_PARTS, 1) * np.log(WAVE_STEP) / next_fast_len(2 * n, real=True)
     share = np.log(grid.apart).sum() - np.log(cell)
@@ -355,7 +355,7 @@ def refined(scene, family, one, grid=None):
     """
     effect = family.effect
     if grid:
-        return FINER[effect.search][1](scene, family, one, grid)
+        return FINER[effect.search][1](scene, family, one, grid)[:2]
     if effect.search:
         scan = max(SCANS[effect.search](scene, family, one),
                    key=lambda part: part.gain.max())
@@ -363,7 +363,7 @@ def refined(scene, family, one, grid=None):
         if effect.search in FINER:
             (psi,), _ = scan.of(gain.argmax(keepdims=True))
             about, finer = FINER[effect.search]
-            return finer(scene, family, one, about(scene, family, *psi))
+            return finer(scene, family, one, about(scene, family, *psi))[:2]
         psi, _ = scan.of(np.arange(len(gain)))
     else:
         found = scores_at(scene, family, one)

@@ -274,11 +274,13 @@ class Grid(NamedTuple):
 
     middle: np.ndarray    # (d,)
     apart: np.ndarray     # (d,)
+    least: np.ndarray = None    # (d,) distances below which nodes hold too little;
+                                # None of a grid that a scan gives
 
 
 def resolved(scene, family, one, at, grid, least, reach):
     """The family on a grid of its parameter that holds what is known of it along each
-    axis, and resolves it; and that `Grid`.
+    axis, and resolves it; that `Grid`; and the `Scores`.
 
     Parameters
     ----------
@@ -287,19 +289,36 @@ def resolved(scene, family, one, at, grid, least, reach):
     at : function of (m, d)
         psi (m, .) of coordinates, and which of them are allowed.
     grid : Grid
-        Where to begin: its middle has mass, and is allowed.
+        Where to begin: its middle has mass, and is allowed. From that of a scan, what
+        is known is first sought along each axis alone, which takes few nodes.
     least : sequence of d numbers
         The least distances of nodes along each axis.
     reach : int
         How many nodes there are to either side.
     """
-    middle, apart = (np.array(part, float) for part in grid)
-    d = len(middle)
-    steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1.0)] * d, indexing="ij"),
+    d = len(grid.middle)
+    steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * d, indexing="ij"),
                      -1).reshape(-1, d)
-    apart = np.maximum(apart, least)
+    if grid.least is None:
+        alone = steps[np.sum(steps != 0, axis=1) < 2]
+        _, grid, _ = _by_grids(scene, family, one, at, grid._replace(least=least),
+                               alone)
+        grid = grid._replace(least=least)
+    return _by_grids(scene, family, one, at, grid, steps)
+
+
+def _by_grids(scene, family, one, at, grid, steps):
+    """`resolved` by nodes so many steps (m, d) from the middle: a whole grid, or but
+    lines along its axes.
+    """
+    middle, apart, least = (np.array(part, float) for part in grid)
+    d, reach = len(middle), steps.max()
+    whole = len(steps) == (2 * reach + 1)**d
+    along = [np.full(len(steps), whole) | (np.delete(steps, axis, 1) == 0).all(1)
+             for axis in range(d)]
+    apart, coarse = np.maximum(apart, least), np.zeros(d, bool)
     for _ in range(MOST_GRIDS):
-        here = Grid(middle, apart)
+        here = Grid(middle, apart, least)
         psi, fits = at(middle + apart * steps)
         fits[len(steps) // 2] = True    # it has mass, but for rounding in its range
         tried = [tuple(own) for own in psi[fits].tolist()]
@@ -313,18 +332,21 @@ def resolved(scene, family, one, at, grid, least, reach):
                                    - found.gain[0].max()))
         factor, held = np.ones(d), True
         for axis in range(d):
-            share = mass.reshape([2 * reach + 1] * d).sum(
-                tuple(other for other in range(d) if other != axis))
+            own = along[axis]
+            share = np.bincount(steps[own, axis] + reach, mass[own])
             few = share.sum()**2 < FEW * (share**2).sum()
             out = max(share[0], share[-1]) > EDGE * share.max()
             held &= not out
             if few != out:    # else only its middle is elsewhere
                 factor[axis] = WIDER if out else 1.0 / CLOSER
+                if out and coarse[axis]:    # to one side of an edge, what is known
+                    least[axis] = WIDER * apart[axis]    # may be neither
+                coarse[axis] |= few
         changed = np.maximum(apart * factor, least)
         if held and (changed == apart).all():
             break
         middle, apart = (middle + apart * steps)[mass.argmax()], changed
-    return family, here
+    return family, here, found
 
 
 MEMORY = 10**4    # samples in which a filter forgets how it began, ...
