@@ -399,6 +399,11 @@ def at_quantiles(parameters, u):
     return theta
 
 
+def mesh(*axes):
+    """All points (M, d) of the values of d axes; the last one changes first."""
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
+
+
 class Hypothesis(NamedTuple):
     """A structure of the error model with its priors, see `hypothesis`."""
 
@@ -902,7 +907,7 @@ def uniform_grid(h, dt, nodes):
     free = free_columns(h.parameters)
     axes = [np.linspace(h.parameters[c].low, h.parameters[c].high, max(n, 2))
             for c, n in zip(free, _nodes_of(h, nodes, len(free)))]
-    z = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(free))
+    z = mesh(*axes)
     theta = np.array([p.high for p in h.parameters]) * np.ones((len(z), 1))
     theta[:, free] = z
     spacing = np.array([axis[1] - axis[0] for axis in axes])

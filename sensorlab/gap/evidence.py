@@ -76,7 +76,7 @@ class Sample(NamedTuple):
         """
         w = self.weight if explanation is None else normalized(
             self.log_weight + self.log_likelihood[:, explanation])
-        at = np.searchsorted(np.cumsum(w), (np.arange(count) + 0.5) / count)
+        at = np.searchsorted(np.cumsum(w), middles(count))
         return self.theta[np.minimum(at, len(w) - 1)]
 
 
@@ -84,6 +84,11 @@ def normalized(log_weight):
     """Weights that sum to 1."""
     w = np.exp(log_weight - log_weight.max())
     return w / w.sum()
+
+
+def middles(count):
+    """Quantiles of a prior in the middle of so many equal parts."""
+    return (np.arange(count) + 0.5) / count
 
 
 def moments(w, x):

@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import brief
+from sensorid import brief, mesh
 from sensorlab.gap.account import account, gaussian
 from sensorlab.gap.causes import further_causes, with_signature
 from sensorlab.gap.effects import Found
+from sensorlab.gap.evidence import middles
 from sensorlab.gap.filters import Signature, filter_of, log_likelihoods, part_of
 from sensorlab.gap.kernels import row_products
-from sensorlab.gap.screens import HEAD, LAWS, LITTLE, middles
+from sensorlab.gap.screens import HEAD, LAWS, LITTLE
 from sensorlab.gap.signatures import Family, columns_at, families
 
 ONSETS = 48          # of a step
@@ -84,7 +85,7 @@ def _stood_in_for(odd, scene, acc):
     if len(own) > MOST_IN_GRID or h.onsets:
         return False
     head = part_of(scene, acc.signatures, slice(HEAD))
-    u = np.stack(np.meshgrid(*len(own) * [middles(STOOD_IN)]), -1).reshape(-1, len(own))
+    u = mesh(*len(own) * [middles(STOOD_IN)])
     theta = np.tile(acc.member.matching(h, acc.theta), (len(u), 1))
     for column, values in zip(own, u.T):
         theta[:, column] = h.parameters[column].quantile(values)
@@ -193,10 +194,10 @@ def _coarse(scene, family):
     """Values of the parameter of a family in the coarse list."""
     T, search = scene.duration, family.effect.search
     if search == "onset":
-        return (T * (np.arange(ONSETS) + 0.5) / ONSETS).tolist()
+        return (T * middles(ONSETS)).tolist()
     if search == "pulse":
         return [(onset, T / part) for part in PARTS
-                for onset in (T * (np.arange(ENDS) + 0.5) / ENDS).tolist()]
+                for onset in (T * middles(ENDS)).tolist()]
     if search == "frequency":
         return (CYCLES / T).tolist()
     return family.psi or []    # waves are like no other form

@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 from scipy.special import logsumexp, ndtr, ndtri
 
-from sensorid import LOG_2PI, side_by_side
+from sensorid import LOG_2PI, mesh, side_by_side
+from sensorlab.gap.evidence import middles
 from sensorlab.gap.filters import log_likelihoods, part_of, predict
 from sensorlab.gap.kernels import KERNEL
 from sensorlab.gap.mixtures import smoothed
@@ -42,11 +43,6 @@ def screened(effect, scene, z, variance):
     gain = screen(scene, effect.parameters(scene), z, variance)
     # two more parameters: as for an account, no more than by Akaike's correction
     return float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0))
-
-
-def middles(count):
-    """Quantiles of a prior in the middle of so many equal parts."""
-    return (np.arange(count) + 0.5) / count
 
 
 def usual_variance(z, log_score):
@@ -268,8 +264,7 @@ def change_of_level(effect, scene, member, signatures, theta):
 
     def gains(part, strengths, *u):
         seen, known, even = part
-        at = np.stack(np.meshgrid(strengths, *u, indexing="ij"), -1).reshape(
-            -1, 1 + len(u))
+        at = mesh(strengths, *u)
         own = [p.quantile(column) for p, column in zip(priors, at.T[1:])]
         gain = log_likelihoods(h, seen, known, np.column_stack(
             [theta * np.where(driven, at[:, :1], 1.0), *own])) - even
@@ -296,7 +291,7 @@ def law_of_outliers(scene, effect, z, variance):
     u = middles(RATIOS)
     priors = effect.parameters(scene)
     gain = _outliers(scene, priors, z, variance)
-    x = np.stack(np.meshgrid(ndtri(u), ndtri(u), indexing="ij"), -1).reshape(-1, 2)
+    x = mesh(*2 * [ndtri(u)])
     w = np.exp(gain - logsumexp(gain)).ravel()
     mean, cov = w @ x, np.cov(x.T, aweights=w, ddof=0) + np.eye(2) / RATIOS
     rate, sigma = (p.quantile(ndtr(m)) for p, m in zip(priors, mean))
@@ -317,7 +312,7 @@ def law_of_bursts(scene, effect, z, variance):
     values = [p.quantile(u) for p in effect.parameters(scene)]
     gain = _gains_of_bursts(scene, values, z, variance)
     scale, *best = np.unravel_index(gain.argmax(), gain.shape)
-    x = np.stack(np.meshgrid(*3 * [ndtri(u)], indexing="ij"), -1).reshape(-1, 3)
+    x = mesh(*3 * [ndtri(u)])
     w = logsumexp(gain, axis=0).ravel()
     w = np.exp(w - logsumexp(w))
     mean, cov = w @ x, np.cov(x.T, aweights=w, ddof=0) + np.eye(3) / OF_BURSTS

@@ -10,7 +10,7 @@ from typing import Callable, NamedTuple
 import numpy as np
 from numba import njit
 
-from sensorid import INSIDE, brief
+from sensorid import INSIDE, brief, mesh
 from sensorlab.gap.catalogue import CATALOGUE, LASTS
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
 from sensorlab.gap.filters import HARMLESS, cut, summed
@@ -297,8 +297,7 @@ def resolved(scene, family, one, at, grid, least, reach):
         How many nodes there are to either side.
     """
     d = len(grid.middle)
-    steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * d, indexing="ij"),
-                     -1).reshape(-1, d)
+    steps = mesh(*d * [np.arange(-reach, reach + 1)])
     if grid.least is None:
         alone = steps[np.sum(steps != 0, axis=1) < 2]
         _, grid, _ = _by_grids(scene, family, one, at, grid._replace(least=least),

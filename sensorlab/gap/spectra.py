@@ -13,9 +13,9 @@ from scipy.fft import prev_fast_len
 from scipy.special import logsumexp, ndtr, ndtri
 from scipy.stats.qmc import LatinHypercube
 
-from sensorid import at_quantiles, brief, free_columns
+from sensorid import at_quantiles, brief, free_columns, mesh
 from sensorlab.gap.catalogue import MIN_TURN
-from sensorlab.gap.evidence import NOTHING, climb
+from sensorlab.gap.evidence import NOTHING, climb, middles
 from sensorlab.gap.filters import leaked, predict, processes
 from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
 
@@ -120,8 +120,7 @@ def _binned(seen, bands=()):
 def _log_bayes(richer, scene, seen, theta):
     own = tuple(richer.effects[-1].values.values())
     each = NODES if len(own) == 1 else NODES_OF_TWO
-    u = (np.arange(each) + 0.5) / each
-    grid = np.stack(np.meshgrid(*[u] * len(own)), -1).reshape(-1, len(own))
+    grid = mesh(*len(own) * [middles(each)])
     nodes = np.hstack([np.tile(theta, (len(grid), 1)), at_quantiles(own, grid)])
     ratio = _densities(richer, scene, nodes, seen.frequency) / seen.density
     total = seen.count.sum()
@@ -151,8 +150,7 @@ def _with_law(richer, scene, seen):
         gain = _band_gains(seen, scene.dt, value, variance)
         gain[2.0 * np.pi * seen.frequency * value < MIN_TURN] = 0.0
         total = np.logaddexp(total, gain - np.log(len(taus)))
-    middle = frequency.low + (frequency.high - frequency.low) * (
-        np.arange(len(total)) + 0.5) / len(total)
+    middle = frequency.low + (frequency.high - frequency.low) * middles(len(total))
     gain = np.interp(middle, seen.frequency, total)
     # wider than Whittle's posterior, which is not the true one
     law = [np.exp(power * gain - logsumexp(power * gain)) for power in (1.0, 0.5, 0.0)]
@@ -164,7 +162,7 @@ def _with_law(richer, scene, seen):
 def _nodes(p, step):
     """Values of a parameter at even quantiles, a ratio of about `step` apart."""
     count = int(np.ceil(np.log(p.high / p.low) / np.log(step))) if p.free else 1
-    return p.quantile((np.arange(count) + 0.5) / count)
+    return p.quantile(middles(count))
 
 
 def _band_gains(seen, dt, tau, variance):
@@ -179,11 +177,11 @@ def _band_gains(seen, dt, tau, variance):
     away = np.arange(min(int(REACH * width) + 2, F)) * step
     shape = 0.5 * (1.0 - a**2) / (1.0 + a**2 - 2.0 * a * np.cos(
         2.0 * np.pi * away * dt))
-    middles = np.arange(0, F, max(int(width / FINE), 1))
-    gain = np.empty((len(middles), len(variance)))
-    in_threads(_gain_bands, len(middles), power, density, count, shape, middles,
-               variance, gain)
-    return np.interp(seen.frequency, frequency[middles], logsumexp(
+    tried = np.arange(0, F, max(int(width / FINE), 1))    # middles of bands
+    gain = np.empty((len(tried), len(variance)))
+    in_threads(_gain_bands, len(tried), power, density, count, shape, tried, variance,
+               gain)
+    return np.interp(seen.frequency, frequency[tried], logsumexp(
         gain, axis=1) - np.log(len(variance)))
 
 
