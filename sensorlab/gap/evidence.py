@@ -206,7 +206,6 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
     few, enough = max(round(effort * ROUND), GROUP), effort * ENOUGH_POINTS
     x, proposals = _first_points(d, guesses, few, rng)
     points, modes, missed = located(x), [], True
-    told = any(_tells_of_all(law, flat) for law in guesses)
     patience = round(ROUNDS_TO_CLIMB / effort) - bool(guesses)    # a climb costs many
     for attempt in range(MAX_ROUNDS):
         log_weight = points.log_weight(proposals)
@@ -216,7 +215,7 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         near = _that_hit(guesses, points)
         # an evidence is a mean likelihood, and no more than its peak, which is near a
         # guess that tells of all, or a mode
-        low = bool(near and told or modes) and (
+        low = bool(modes or any(_tells_of_all(law, flat) for law in near)) and (
             points.total.max() + d < floor - HOPELESS_NATS)
         hopeless = low or below > HOPELESS_NATS and effective >= 2.0 * (d + 1) or (
             below > 3.0 * HOPELESS_NATS and attempt > patience + 2)
