@@ -2798,12 +2798,12 @@ class _Contents(pickle.Pickler):
 
 def write_whole(file, put):
     """Write a file whole or not at all."""
-    file = pathlib.Path(os.path.realpath(file))
-    if file.exists() and not file.is_file():    # a pipe or a device
+    if os.path.exists(file) and not os.path.isfile(file):    # a pipe or a device
         with open(file, "wb") as stream:
             return put(stream)
+    file = pathlib.Path(os.path.realpath(file))
     file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
+    part = file.with_name(f".{file.name[:50]}.{secrets.token_hex(4)}")
     new = open(part, "xb")    # no other's file, no link
     try:
         with new as stream:

@@ -192,6 +192,9 @@ def _validator():
 def problem(tree):
     """The first thing wrong with the content of a model file as a sentence, or None."""
     from jsonschema.exceptions import best_match
+    if isinstance(tree, dict) and "record" in tree:
+        return ("the file is what a command says of a record, not a model: diagnose "
+                "--out DIR writes that, as DIR/model.json, and identify --save-model")
     e = best_match(_validator().iter_errors(tree))
     if e is None:
         return None

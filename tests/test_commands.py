@@ -159,6 +159,7 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify r.npz --hypotheses sine", "unknown hypothesis 'sine'"),
     ("identify r.npz --model m.json --dt 0.5", "but the model is for dt = 1 s"),
     ("identify r.npz --json no/such/o.json", "cannot be written"),
+    (f"identify r.npz --json {300 * 'o'}.json", "cannot be written: File name too"),
     ("identify r.npz --plot p.xyz --json o.json", "a picture is one of .png"),
     ("identify r.npz --json r.npz", "is named twice"),
     ("identify r.npz --json a.json --save-model ./a.json", "is named twice"),

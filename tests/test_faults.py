@@ -53,6 +53,18 @@ def test_an_output_that_cannot_be_printed_loses_nothing(here, shell, status):
         assert "\\xb5g/\\u221aHz" in done.stdout
 
 
+def test_an_answer_goes_through_a_pipe(here):
+    done = run("COMMAND --json /dev/stdout | cat")
+    assert done.returncode == 0 and not done.stderr
+    assert '"hypotheses"' in done.stdout
+
+
+def test_an_answer_is_no_model_and_says_what_is(here, capsys):
+    assert main("identify r.npz --json o.json".split()) == 0
+    assert main("diagnose r.npz --model o.json".split()) == 2
+    assert "o.json: the file is what a command says" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("line, told", [
     ("identify r.npz --json o.json", "white_noise"),
     ("identify r.npz r.npz --json o.json", "white_noise"),

@@ -318,9 +318,20 @@ def check_outputs(inputs, *outputs, plot=None):
         taken.add(os.path.realpath(file))
         folder = pathlib.Path(file).absolute().parent
         if (not folder.is_dir() or not os.access(folder, os.W_OK)
-                or pathlib.Path(file).is_dir()):
+                or os.path.isdir(file)):
             raise ValueError(f"{file} cannot be written: "
                              "no such folder, or no right to")
+        if not os.path.exists(file):
+            _try_to_write(pathlib.Path(os.path.realpath(file)))
+
+
+def _try_to_write(file):
+    """Refuse a new file that its folder does not take: by its name, or any."""
+    try:
+        file.touch(exist_ok=False)
+        file.unlink()
+    except OSError as problem:
+        raise ValueError(f"{file} cannot be written: {problem.strerror}") from None
 
 
 def check_folder(folder):
