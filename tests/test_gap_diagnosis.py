@@ -289,6 +289,7 @@ def test_the_frequency_of_a_line_within_a_range_is_that_of_the_record():
         sensorlab.diagnose(y, 1.0, sensorlab.Simulator(tuple(WHITE), ((step,),)))
 
 
+@pytest.mark.large
 def test_another_form_of_a_low_pass_is_a_wrong_parameter():
     low_pass = Found(EFFECTS["bandwidth"], "", "first order", account.fixed(tau=0.6))
     simulator = sensorlab.Simulator(tuple(WHITE_OF_A_RANGE), ((low_pass,),))
@@ -306,7 +307,8 @@ def test_another_form_of_a_low_pass_is_a_wrong_parameter():
     assert sensorlab.diagnose(y, DT, sensorlab.augmented(d)).verdict == "none"
 
 
-@pytest.mark.parametrize("ratio", [5.0, large(0.2)])
+@pytest.mark.large
+@pytest.mark.parametrize("ratio", [5.0, 0.2])
 def test_a_change_of_what_drives_a_walk_is_named(ratio, tmp_path):
     """No line, and no drift, is seen in the louder part of it."""
     rng = np.random.default_rng(4)

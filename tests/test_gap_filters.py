@@ -234,7 +234,7 @@ def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
 
 
 @pytest.mark.parametrize("variant", [
-    "second order", "digital", "digital first order"])
+    "digital", large("second order"), large("digital first order")])
 @pytest.mark.parametrize("name, own", [("random_telegraph", (4.0, 1.5)),
                                        ("noise_bursts", (7.0, 3.0, 1.5))])
 def test_a_level_beside_states_whose_noises_are_correlated(name, own, variant):

@@ -39,6 +39,7 @@ def answers(*names):
     return [json.loads(pathlib.Path(name).read_text()) for name in names]
 
 
+@pytest.mark.large
 def test_a_whole_imu_is_identified_in_one_command(imu, capsys):
     assert main("identify imu.csv --channel all --json o.json --csv o.csv --plot o.png "
                 "--save-model m.json --unit deg/s,mg".split()) == 0
