@@ -399,6 +399,11 @@ def at_quantiles(parameters, u):
     return theta
 
 
+def middles(count):
+    """Quantiles of a prior in the middle of so many equal parts."""
+    return (np.arange(count) + 0.5) / count
+
+
 def mesh(*axes):
     """All points (M, d) of the values of d axes; the last one changes first."""
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
@@ -2308,7 +2313,7 @@ def _local_laws(x, w):
     """Shares, centres and roots of the prior and of the laws that points x (M, d) of
     weights w suggest: as wide as the nearest eighth of them.
     """
-    at = (np.arange(8 * LAWS) + 0.5) / (8 * LAWS)
+    at = middles(8 * LAWS)
     x, one = x[np.searchsorted(np.cumsum(w)[:-1], at)], np.eye(x.shape[1])
     root = np.linalg.cholesky(np.cov(x.T) + 1e-14 * one)
     z = np.linalg.solve(root, x.T).T
@@ -2425,7 +2430,7 @@ def _zoomed(h, dt, record, bias, max_nodes):
             if nodes**d > max_nodes:
                 break
         box = view.box
-    at = ndtri((np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS)[:, None]
+    at = ndtri(middles(SCALE_POINTS))[:, None]
     at /= np.sqrt(np.mean(at**2))
     return Estimate(h, log_evidence, mean[:p], cov[:p, :p],
                     *_point_masses(g, *masses, at), nodes_per_sd, settled, updates)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import DT
+from conftest import DT, large
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
@@ -90,10 +90,11 @@ def test_a_line_that_all_their_records_have_at_one_frequency_is_missed_elsewhere
         assert d.verdict == verdict
 
 
-@pytest.mark.parametrize("records, apart", [(2, 0.0), (3, 0.4), (6, 0.3)])
+@pytest.mark.parametrize("records, apart", [
+    (2, 0.0), large(2, 0.2), large(3, 0.1), (3, 0.4), (6, 0.3)])
 def test_a_range_holds_what_a_further_record_has(records, apart):
     """As often as it says, or more often, and no farther than need be."""
-    rng, sd, hits, trials = np.random.default_rng(2), 0.1, 0, 200
+    rng, sd, hits, trials = np.random.default_rng(2), 0.1, 0, 400
     parameter = sensorid.Parameter("sigma_w", 0.01, 100.0, True)
     for _ in range(trials):
         truth = rng.normal(0.0, apart, records + 1)

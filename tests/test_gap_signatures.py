@@ -421,7 +421,7 @@ def test_a_lag_that_is_known_well_leaves_no_temperature_beside_it():
     assert abs(mean - tau) < 3.0 * sd and sd < 0.3
 
 
-@pytest.mark.parametrize("vertex", [0.05, 0.5])
+@pytest.mark.parametrize("vertex", [0.05, 0.5, large(0.9)])
 def test_a_parabola_needs_no_ramp_beside_it(vertex):
     N = 1000
     t = np.arange(N) / N

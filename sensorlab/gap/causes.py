@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ive, logsumexp, ndtr
 
-from sensorid import at_quantiles, brief, free_columns, probabilities, side_by_side
+from sensorid import (
+    at_quantiles, brief, free_columns, middles, probabilities, side_by_side)
 from sensorlab.gap.account import (
     Account, account, evidence_error, fixed, for_processes, for_signatures, gaussian,
     guesses_from, mean_evidence, solved_by)
@@ -16,7 +17,7 @@ from sensorlab.gap.directed import (
     directed, estimate_signature, estimated_beside, nodes_for, onsets_nearby,
     part_about)
 from sensorlab.gap.effects import Effect, Found
-from sensorlab.gap.evidence import HOPELESS_NATS, effort, middles, onset_law
+from sensorlab.gap.evidence import HOPELESS_NATS, effort, onset_law
 from sensorlab.gap.filters import filter_of, log_likelihoods, part_of, predict
 from sensorlab.gap.lowpass import families_passing, low_pass_of, signature_passing
 from sensorlab.gap.readings import NOISY, as_read, less_rounding

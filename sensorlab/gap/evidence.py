@@ -15,7 +15,8 @@ from scipy.stats import chi2, multivariate_t
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import (
-    GROUP, INSIDE, LOG_2PI, at_quantiles, brief, free_columns, tempered)
+    GROUP, INSIDE, LOG_2PI, at_quantiles, brief, free_columns, middles,
+    tempered)
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import explained, in_parts, parts_at
 from sensorlab.gap.kernels import (
@@ -84,11 +85,6 @@ def normalized(log_weight):
     """Weights that sum to 1."""
     w = np.exp(log_weight - log_weight.max())
     return w / w.sum()
-
-
-def middles(count):
-    """Quantiles of a prior in the middle of so many equal parts."""
-    return (np.arange(count) + 0.5) / count
 
 
 def moments(w, x):

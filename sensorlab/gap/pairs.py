@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import brief, mesh
+from sensorid import brief, mesh, middles
 from sensorlab.gap.account import account, gaussian
 from sensorlab.gap.causes import further_causes, with_signature
 from sensorlab.gap.effects import Found
-from sensorlab.gap.evidence import middles
 from sensorlab.gap.filters import Signature, filter_of, log_likelihoods, part_of
 from sensorlab.gap.kernels import row_products
 from sensorlab.gap.screens import HEAD, LAWS, LITTLE

@@ -10,8 +10,7 @@ import numpy as np
 from numba import njit
 from scipy.special import logsumexp, ndtr, ndtri
 
-from sensorid import LOG_2PI, mesh, side_by_side
-from sensorlab.gap.evidence import middles
+from sensorid import LOG_2PI, mesh, middles, side_by_side
 from sensorlab.gap.filters import log_likelihoods, part_of, predict
 from sensorlab.gap.kernels import KERNEL
 from sensorlab.gap.mixtures import smoothed
@@ -122,8 +121,7 @@ def _gains_of_bursts(scene, values, z, variance, scales=QUIET_SCALES):
     """The same for all scales of the samples outside bursts, the first axis."""
     quiet, duration, sigma = values
     parts = _Parts.of(z)
-    begin, end = (parts.chance(scene.dt, t.ravel()) for t in np.meshgrid(
-        quiet, duration, indexing="ij"))
+    begin, end = (parts.chance(scene.dt, t) for t in mesh(quiet, duration).T)
     gain = np.zeros((len(scales), len(sigma), len(begin)))
     for own, scale in zip(gain, scales):
         for one, s in zip(own, sigma):

@@ -13,9 +13,9 @@ from scipy.fft import prev_fast_len
 from scipy.special import logsumexp, ndtr, ndtri
 from scipy.stats.qmc import LatinHypercube
 
-from sensorid import at_quantiles, brief, free_columns, mesh
+from sensorid import at_quantiles, brief, free_columns, mesh, middles
 from sensorlab.gap.catalogue import MIN_TURN
-from sensorlab.gap.evidence import NOTHING, climb, middles
+from sensorlab.gap.evidence import NOTHING, climb
 from sensorlab.gap.filters import leaked, predict, processes
 from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
 
