@@ -498,6 +498,29 @@ def test_a_long_record_tells_by_its_head_at_which_level_it_begins():
                     rtol=1e-10)
 
 
+def test_long_records_are_told_of_as_by_filters_of_either_level(monkeypatch):
+    rng, n = np.random.default_rng(5), 5 * mixtures.HEAD
+    level = np.cumsum(rng.random((3, n)) < 0.005, axis=1) % 2
+    level[1] = 1 - level[1]
+    y = rng.standard_normal((3, n)) + [[2.0], [2.0], [0.1]] * level
+    y[:, [7, 5000]] = np.nan
+    h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=3.0)
+    own = member(Scene(y[0], 1.0, {}), h, "random_telegraph")
+    theta = np.array([[1.0, 200.0, 2.0], [1.0, 100.0, 1.8], [1.0, 150.0, 2.1]])
+    filtered = []
+    monkeypatch.setattr(mixtures, "_told_of_begins", lambda y, *rest, own=(
+        mixtures._told_of_begins): filtered.append(len(y)) or own(y, *rest))
+    for whole in True, False:
+        by_head = filters.predict(own, own.scene, (), theta, y, whole)
+        assert filtered.pop() == 1    # the last has no level that its head shows
+        with monkeypatch.context() as m:
+            m.setattr(mixtures, "SURE_NATS", np.inf)
+            by_both = filters.predict(own, own.scene, (), theta, y, whole)
+        assert filtered.pop() == 3
+        for one, other in zip(by_head[:4 if whole else 2], by_both):
+            assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
 def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
     scene, h, theta, C, seen = short
     solved = filters.solve(h, scene, (), theta)

@@ -350,6 +350,8 @@ def _with_filters(inside, effects, processes, best, surely):
         effect.jumps or effect.drive
         or processes and effect.model and not effect.reading)
         and _has_room(effect, inside.acc)]
+    # what takes longest is first
+    wanted = sorted(wanted, key=lambda effect: not effect.jumps)
     told = dict(zip(wanted, _told_by_screens(inside, wanted)))
     most, rivals = 0.0, []    # ln B of those that have a screen
     # where scores tell much, filters are first, then those of which most is told: the
@@ -384,27 +386,27 @@ def _told_by_screens(inside, effects):
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     z = seen.z[0, 0]
     variance = usual_variance(z, seen.log_score[0, 0])
-    for effect in effects:
+
+    def told(effect):
         if effect.drive and effect.name not in SCREENS:
-            yield change_of_drive(effect, plain, reference.member, acc.signatures,
-                                  reference.theta).about
-        elif effect.jumps and effect.name not in SCREENS:
-            yield max(change_of_level(effect, scene, acc.member, acc.signatures,
-                                      acc.theta), _told_by_spectra(
+            return change_of_drive(effect, plain, reference.member, acc.signatures,
+                                   reference.theta).about
+        if effect.jumps and effect.name not in SCREENS:
+            return max(change_of_level(effect, scene, acc.member, acc.signatures,
+                                       acc.theta), _told_by_spectra(
                 [h.with_effect(effect) for h in acc.hypotheses], scene, acc))
-        elif effect.model and not effect.search:
-            yield _told_by_spectra([h.with_effect(effect) for h in
-                                    reference.hypotheses], plain, reference)
-        elif effect.search in BY_SPECTRA:
-            yield max(told for *_, told in inside.promised(effect))
-        else:
-            about = screened(effect, scene, z, variance)
-            if effect.name == "outliers" and any(
-                    one.effect.of_all for one in acc.member.effects):
-                # to a filter that knows no white noise, one is a burst
-                about = max(about, screened(CATALOGUE["noise_bursts"], scene, z,
-                                            variance))
-            yield about
+        if effect.model and not effect.search:
+            return _told_by_spectra([h.with_effect(effect) for h in
+                                     reference.hypotheses], plain, reference)
+        if effect.search in BY_SPECTRA:
+            return max(told for *_, told in inside.promised(effect))
+        about = screened(effect, scene, z, variance)
+        if effect.name == "outliers" and any(
+                one.effect.of_all for one in acc.member.effects):
+            # to a filter that knows no white noise, one is a burst
+            about = max(about, screened(CATALOGUE["noise_bursts"], scene, z, variance))
+        return about
+    return side_by_side(told, effects)
 
 
 def _told_by_spectra(richer, scene, acc):

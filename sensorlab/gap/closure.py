@@ -9,12 +9,11 @@ from scipy.stats import chi2
 
 from sensorid import LOG_2PI, side_by_side
 from sensorlab.gap.account import account
-from sensorlab.gap.distance import distance
+from sensorlab.gap.distance import MIN_WAYS, distance, enough_trials
 from sensorlab.gap.filters import part_of
 from sensorlab.gap.kernels import row_products
 from sensorlab.gap.readings import as_read
 
-MIN_WAYS = 40           # simulated records that make an interval
 OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on
 
 
@@ -95,6 +94,7 @@ def held_out(scene, start, final, trials=None, seed=0):
     if any(onset > cut * scene.dt for onset in onsets.values()) or any(
             not s.columns[:cut].any() for s in final.signatures):
         return None
+    trials = trials or max(enough_trials(scene) // 2, round(1.0 / OUTSTANDING))
     seen = as_read(scene, final.readings)
 
     def fitted(acc):

@@ -196,7 +196,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         drift(full, [in_place(as_simulated(acc, full, gap.theta), acc, full)
                      for acc, gap in ((base, before), (final, after))], seed),
         float((final.log_evidence - start.log_evidence) / seen),
-        held_out(full, start, final, trials or enough_trials(full) // 2, seed + 2)
+        held_out(full, start, final, trials, seed + 2)
         if more or final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis
         else None,
         needed_duration(causes, full) if verdict == "undecided" else np.nan)

@@ -62,7 +62,8 @@ BOUND = 2.0     # of the first move
 FARTHEST = 3.0  # standard deviations along an axis that a refit by slopes goes
 LINEAR = 0.1    # share of what a refit by slopes changes by which it may be wrong
 LEAST_SHARE = 0.1    # of the variance of a residual: few records fit anything
-FEWER = (LONG_RECORD, 0.5), (10 * LONG_RECORD, 0.4)    # of these, for more samples
+MIN_WAYS = 40    # simulated records that make an interval of how a gap shrinks
+FEWER = (LONG_RECORD, 0.5), (10 * LONG_RECORD, 0.25)    # of these, for more samples
 
 
 def enough_trials(scene):
@@ -113,9 +114,9 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     With `first`, of the samples from that one on, which had no part in the fit: nothing
     is taken away, but the simulated records have parameters drawn from the posterior.
     With `before`, the gap to another simulator, as many simulated records as usual are
-    held against that one as well. `near` is the gap to a like account, if it is known;
-    of this very account, with this seed and `before`, its simulated records are the
-    first.
+    held against that one as well, where these are many. `near` is the gap to a like
+    account, if it is known; of this very account, with this seed and `before`, its
+    simulated records are the first.
     """
     trials = trials or enough_trials(scene)
     again = near is not None and near.ruler.fit.setting.acc is acc
@@ -132,7 +133,8 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     ruler = _Ruler(fit, *seen)
     real, stats, gain = ruler.laid(scene.y[None], setting.own, True)
     block = fit.block(trials)
-    compared = 0 if before is None else enough_trials(scene)
+    usual = enough_trials(scene)
+    compared = 0 if before is None or usual < MIN_WAYS else usual
 
     def measured(number):
         read = setting.drawn(simulator, min(block, trials - number), seed, number)

@@ -105,21 +105,50 @@ def _weigh_first(beside, share, odd, out):
 def _mixed(y, H, own, pair, later, r, outlier, jump, moved, out):
     """`mixture_filters` but for a first sample that is an outlier."""
     second = jump[:, 0] / np.maximum(jump[:, 0] + jump[:, 1], 1e-300)
-    parts = H, own, pair, later, r, outlier, np.column_stack([jump, second]), moved
+    parts = H, own, pair, later, r, outlier, jump, moved
     if not jump[:, 2].any():
-        return _filtered(y, *parts, out)
+        return _filtered(y, *parts, np.tile(second, (len(y), 1)), out)
     log_prior = np.log(np.column_stack([1.0 - second, second]))
-    R, M, (told, rows) = len(y), len(second), out.shape[1:3]
-    if not rows:
+    if not out.shape[2]:
         return logsumexp(_of_begins(y, parts, log_prior), axis=2)
-    total, at_once = np.empty((R, M)), max(AT_ONCE // y.shape[1], 1)
-    every = list(np.ndindex(M, 2))
+    if y.shape[1] <= 4 * HEAD:
+        return _told_of_begins(y, parts, log_prior, out)
+    return _told_of_likelier(y, parts, log_prior, out)
+
+
+def _told_of_begins(y, parts, log_prior, out):
+    """`_mixed` of records that begin at either level, by filters of both."""
+    R, (told, _, N), M = len(y), out.shape[1:], len(log_prior)
+    total, at_once = np.empty((R, M)), max(AT_ONCE // N, 1)
     for first in range(0, R, at_once):
         some = slice(first, first + at_once)
-        beside = np.full((len(y[some]), 2 * told, 5, y.shape[1]), np.nan)
-        either = _from(every, y[some], parts, beside).reshape(-1, M, 2) + log_prior
-        total[some] = logsumexp(either, axis=2)
+        beside = np.full((len(y[some]), 2 * told, 5, N), np.nan)
+        total[some] = logsumexp(_of_either(y[some], parts, log_prior, beside), axis=2)
         _weigh_begins(beside, np.diff(log_prior[:told], axis=1)[:, 0], out[some])
+    return total
+
+
+def _told_of_likelier(y, parts, log_prior, out):
+    """The same of long records, by filters of the likelier level alone where the head
+    of a record is sure of it at all nodes.
+    """
+    (R, told, rows, N), M = out.shape, len(log_prior)
+    beside = np.full((R, 2 * told, 5, HEAD), np.nan)
+    either = _of_either(y[:, :HEAD], _head(parts), log_prior, beside)
+    level, sure = either.argmax(2), (np.ptp(either, axis=2) >= SURE_NATS).all(1)
+    own, others = np.flatnonzero(sure), np.flatnonzero(~sure)
+    total, here = np.empty((R, M)), np.full((len(own), told, rows, N), np.nan)
+    if len(own):
+        total[own] = _filtered(y[own], *parts, level[own] * 1.0, here) + log_prior[
+            np.arange(M), level[own]]
+        begun = np.full((len(own), told, rows, HEAD), np.nan)
+        _weigh_begins(beside[own], np.diff(log_prior[:told], axis=1)[:, 0], begun)
+        here[..., :HEAD] = begun
+        out[own] = here
+    if len(others):
+        here = np.full((len(others), told, rows, N), np.nan)
+        total[others] = _told_of_begins(y[others], parts, log_prior, here)
+        out[others] = here
     return total
 
 
@@ -127,20 +156,28 @@ def _of_begins(y, parts, log_prior):
     """Log-likelihoods (R, M, 2) of records that begin at either level, and that they
     do; of one long record, most nodes are sure by its head of one.
     """
-    R, M = len(y), len(log_prior)
-    every = list(np.ndindex(M, 2))
-    if R > 1 or y.shape[1] <= 4 * HEAD:
-        return _from(every, y, parts).reshape(R, M, 2) + log_prior
-    H, own, pair, later, r, *rest = parts
-    head = H[:HEAD], own, pair, later, r[:, :HEAD], *rest
-    result = _from(every, y[:, :HEAD], head).reshape(1, M, 2) + log_prior
+    if len(y) > 1 or y.shape[1] <= 4 * HEAD:
+        return _of_either(y, parts, log_prior)
+    result = _of_either(y[:, :HEAD], _head(parts), log_prior)
     likelier, behind = result[0].argmax(1), np.ptp(result[0], axis=1)
-    left = [(node, level) for node, level in every
+    left = [(node, level) for node, level in np.ndindex(len(log_prior), 2)
             if level == likelier[node] or behind[node] < SURE_NATS]
     at = tuple(np.transpose(left))
     result[:] = -np.inf
     result[0][at] = _from(left, y, parts)[0] + log_prior[at]
     return result
+
+
+def _head(parts):
+    """What filters of the head of a record need."""
+    H, own, pair, later, r, *rest = parts
+    return H[:HEAD], own, pair, later, r[:, :HEAD], *rest
+
+
+def _of_either(y, parts, log_prior, out=None):
+    """`_of_begins` by filters of both."""
+    every = list(np.ndindex(log_prior.shape))
+    return _from(every, y, parts, out).reshape(-1, *log_prior.shape) + log_prior
 
 
 def _from(begins, y, parts, out=None):
@@ -149,12 +186,11 @@ def _from(begins, y, parts, out=None):
     """
     H, own, pair, later, r, outlier, jump, moved = parts
     node, level = np.transpose(begins)
-    jump = jump[node]
-    jump[:, 5] = level
     if out is None:
         out = np.empty((len(y), len(node), 0, y.shape[1]))
     return _filtered(y, H, own[:, node], pair, later[node] if len(later) else later,
-                     r[node], outlier[node], jump, moved, out)
+                     r[node], outlier[node], jump[node], moved, np.tile(
+                         level * 1.0, (len(y), 1)), out)
 
 
 @njit(**KERNEL)
@@ -184,9 +220,9 @@ def _weigh_begins(told, log_odds, out):
                         out[r, k, row, i] = first * one[row] + second * other[row]
 
 
-def _filtered(y, H, own, pair, later, r, outlier, jump, moved, out):
-    """`mixture_filters` of records that begin at the second level with the probability
-    jump (M, 6) has last.
+def _filtered(y, H, own, pair, later, r, outlier, jump, moved, second, out):
+    """`mixture_filters` of records that begin at the second level with these
+    probabilities (R, M).
     """
     y, own, r = in_rows(y, own, r)
     total = np.empty((len(y), own.shape[1]))
@@ -203,17 +239,17 @@ def _filtered(y, H, own, pair, later, r, outlier, jump, moved, out):
     elif (levels, kinds) == (2, 1) and n <= UNROLLED_LEVELS and not len(
             later) and away < 2:
         in_threads(filter_levels, some, (0,) * n, () if away else None, y, H, own, pair,
-                   r, jump, out, total)
+                   r, jump, second, out, total)
     else:
         lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
         in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y,
-                   H, own, pair, later, r, outlier, jump, out, total)
+                   H, own, pair, later, r, outlier, jump, second, out, total)
     return total
 
 
 @njit(**KERNEL)
 def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, r,
-                     outlier, jump, out, total):
+                     outlier, jump, second, out, total):
     """Groups of `mixture_filters`. The second level has lanes of its own, after those
     of the first; so has every path from one level to one: those to the first, from
     either, then those to the second.
@@ -233,7 +269,8 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             if levels == 2:
                 to, start, change = g // of_level, g // lanes % 2, jump[at]
                 chance[g] = change[start] if to != start else 1.0 - change[start]
-                weight[g % of_level] = change[5] if start else 1.0 - change[5]
+                begins = second[record[g % lanes], at]
+                weight[g % of_level] = begins if start else 1.0 - begins
                 offset[g], louder[g] = (2 * to - 1) * change[2], to * change[3]
         parts, P = np.empty((6, n, of_level)), np.empty((n, n, of_level))
         load(own, pair, node, parts, P)

@@ -5,11 +5,12 @@ best are sought exactly. Beside what is the first to be odd or to jump, and besi
 process for which jumps may stand in, any effect is sought.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import brief, mesh, middles
+from sensorid import brief, mesh, middles, side_by_side
 from sensorlab.gap.account import account, gaussian
 from sensorlab.gap.causes import further_causes, with_signature
 from sensorlab.gap.effects import Found
@@ -165,11 +166,14 @@ def _starts(scene, acc, forms, least):
             edges, append=len(gap)))
     listed, z = [], [white(plain.y[None])]
     for family in families(plain, forms, acc.signatures):
-        every = []
-        for psi, variant, columns in columns_at(plain, family, _coarse(plain, family)):
-            every.append((psi, variant, len(z), len(z) + columns.shape[1] - 1))
-            z.extend(white(columns.T)[:, None])
-        listed += [_Form(family, *one, np.log(len(every))) for one in every]
+        every = list(itertools.chain(*side_by_side(lambda psi: [
+            (psi, variant, white(columns.T))
+            for psi, variant, columns in columns_at(plain, family, [psi])],
+            _coarse(plain, family))))
+        for psi, variant, rows in every:
+            listed.append(_Form(family, psi, variant, len(z), len(z) + len(rows) - 1,
+                                np.log(len(every))))
+            z.extend(rows[:, None])
     if not listed:
         return
     z = np.vstack(z)

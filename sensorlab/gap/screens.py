@@ -12,7 +12,7 @@ from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import LOG_2PI, mesh, middles, side_by_side
 from sensorlab.gap.filters import log_likelihoods, part_of, predict
-from sensorlab.gap.kernels import KERNEL
+from sensorlab.gap.kernels import KERNEL, LANES
 from sensorlab.gap.mixtures import smoothed
 
 FEW = -2.0        # ln B below which a screen has the last word
@@ -242,6 +242,7 @@ LEVEL_NODES = 4    # values of each parameter of a level that are tried
 CLOSER = 3         # times that parts about the best are tried
 CLOSER_NATS = 20.0    # by which the last must have been better for the next
 HEAD = 10**5       # samples of a longer record that tell where more values are tried
+TRIED = LANES      # of them, on the whole of it
 
 
 def change_of_level(effect, scene, member, signatures, theta):
@@ -260,24 +261,51 @@ def change_of_level(effect, scene, member, signatures, theta):
     whole = up_to(len(scene.y))
     head = whole if member.onsets or len(scene.y) <= HEAD else up_to(HEAD)
 
-    def gains(part, strengths, *u):
+    def gains(part, at):
         seen, known, even = part
-        at = mesh(strengths, *u)
         own = [p.quantile(column) for p, column in zip(priors, at.T[1:])]
-        gain = log_likelihoods(h, seen, known, np.column_stack(
+        return log_likelihoods(h, seen, known, np.column_stack(
             [theta * np.where(driven, at[:, :1], 1.0), *own])) - even
-        return at[gain.argmax()], gain.reshape(len(strengths), -1).max(0)
-    p = len(priors)
-    (strength, *u), gain = gains(head, DRIVEN, *p * [middles(LEVEL_NODES)])
-    finer, worth, highest = np.arange(-1, 2) / 3.0, -np.inf, -np.inf
-    for closer in range(CLOSER):
-        apart = 3.0**-closer * finer    # a strong one is at home in a small part
-        (strength, *u), near = gains(whole, strength * 2.0**apart, *(
-            v + apart / LEVEL_NODES for v in u))
-        worth = max(worth, logsumexp(near) - p * (closer + 1.0) * np.log(3.0))
-        rise, highest = near.max() - highest, near.max()
-        if rise < CLOSER_NATS:
-            break
+
+    def closer_to(best, gains, first=0):
+        """ln of the sum of gains about the best values so far, the largest gain, the
+        values there, and the number of the last of ever smaller parts that had it.
+        """
+        worth, highest = -np.inf, -np.inf
+        for closer in range(first, CLOSER):
+            strength, *u = best
+            apart = 3.0**-closer * finer    # a strong one is at home in a small part
+            at = mesh(strength * 2.0**apart, *(v + apart / LEVEL_NODES for v in u))
+            near = gains(at)
+            worth = max(worth, logsumexp(along(near, apart)) - p * (
+                closer + 1.0) * np.log(3.0))
+            rise, highest = near.max() - highest, near.max()
+            if rise < CLOSER_NATS:
+                break
+            best, first = at[near.argmax()], closer
+        return worth, highest, best, first
+
+    def of_head(at):
+        """As many as the whole has, if all of it is like its head."""
+        return len(scene.y) / HEAD * gains(head, at)
+
+    def of_whole(at):
+        """Of those that have most in the head."""
+        result, own = np.full(len(at), -np.inf), np.argsort(-of_head(at))[:TRIED]
+        result[own] = gains(whole, at[own])
+        return result
+
+    def along(gain, strengths):
+        return gain.reshape(len(strengths), -1).max(0)
+    p, finer = len(priors), np.arange(-1, 2) / 3.0
+    at = mesh(DRIVEN, *p * [middles(LEVEL_NODES)])
+    gain = gains(head, at)
+    best, gain = at[gain.argmax()], along(gain, DRIVEN)
+    if head is whole:
+        worth, highest, *_ = closer_to(best, lambda at: gains(whole, at))
+    else:
+        *_, best, first = closer_to(best, of_head)
+        worth, highest, *_ = closer_to(best, of_whole, first)
     gain[gain.argmax()] = worth
     return float(min(logsumexp(gain) - p * np.log(LEVEL_NODES), highest - 2.0))
 

@@ -12,7 +12,7 @@ from sensorlab.gap.account import Account, account, as_simulated, in_place
 from sensorlab.gap.causes import (
     Cause, further_causes, in_best_forms, largest_bayes, pushes, search_cost, without)
 from sensorlab.gap.costs import heard_by, say
-from sensorlab.gap.distance import TRIALS, Gap, enough_trials
+from sensorlab.gap.distance import Gap
 from sensorlab.gap.effects import simulate_effects
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.flexible import stays_needed
@@ -152,7 +152,7 @@ def _by_rounding(full, acc, theta):
     """
     scene = as_read(full, acc.readings)
     simulator = in_place(as_simulated(acc, scene, theta), acc, scene)
-    number = HELD_AGAINST * enough_trials(full) // TRIALS
+    number = round(HELD_AGAINST * effort(full))
     drawn = simulate_effects(simulator, full, number, THEIR_SEED).error
 
     @functools.cache

@@ -313,7 +313,8 @@ def _value_row(n):
 
 
 @njit(**KERNEL)
-def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, out, total):
+def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, second, out,
+                  total):
     """Groups of `mixtures.mixture_filters` of a level without outliers; a `chain` that
     is not None has pairs of neighbours. Probabilities have samples for lanes.
     """
@@ -340,9 +341,10 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, out, tot
                     k = 8 * n + level * n * n + s * n
                     node[(k + pair[s]) * LANES + g] = own[5, at[g], s]
                     node[(k + s) * LANES + g] = own[4, at[g], s]
-            starts, ends, half, louder, _, second = jump[at[g]]
+            starts, ends, half, louder, _ = jump[at[g]]
+            begins = second[record[g], at[g]]
             law = (1.0 - starts, ends, starts, 1.0 - ends, -half, half, 0.0, louder,
-                   1.0 - second, second)
+                   1.0 - begins, begins)
             for k in range(len(law)):
                 node[(v + CHANCE + k) * LANES + g] = law[k]
             node[(v + PRODUCT) * LANES + g] = 1.0
