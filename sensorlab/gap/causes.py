@@ -123,9 +123,12 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
         scene, acc, effects, processes, known)
     say("weighing", 2)
 
-    signatures = _Estimated(lambda number: estimate_signature(
-        plain, reference, listed[number - 1], samples, number, grids))
+    def estimated(number, count=None):
+        return estimate_signature(plain, reference, listed[number - 1], samples, number,
+                                  grids, count)
+    signatures = _Estimated(estimated)
     weighed, chosen = _with_best(inside, plain, reference, rivals, signatures,
+                                 _Estimated(lambda number: estimated(number, 1)),
                                  by_chance)
     prior, alone, share, groups = weighed
     error = _errors(alone, share, groups, np.array([
@@ -565,14 +568,15 @@ class _Weighed(NamedTuple):
         return max(self.groups, key=lambda own: self.share[own].sum())[0]
 
 
-def _with_best(inside, plain, reference, rivals, signatures, by_chance):
+def _with_best(inside, plain, reference, rivals, signatures, glimpsed, by_chance):
     """`_Weighed` of the rivals, and the account with the best in it, or None where none
     is as probable. What proves to be worth less or more on the way is so among the
     rivals, too.
 
     The `signatures` of families, by number, were sought in the scene `plain`, of which
-    `reference` is the account; where jumps see one elsewhere, it is moved. `by_chance`
-    as for `further_causes`.
+    `reference` is the account; where jumps see one elsewhere, it is moved. To weigh
+    them beside jumps, those `glimpsed` at one node will do. `by_chance` as for
+    `further_causes`.
     """
     scene, acc, known = inside.scene, inside.acc, {}
 
@@ -580,14 +584,24 @@ def _with_best(inside, plain, reference, rivals, signatures, by_chance):
         """The account with a rival, and ln B of it by that."""
         key = one.family, id(one.account)
         if key not in known:    # by the filter with jumps it is dear
-            none = acc.log_evidence
+            none, some = acc.log_evidence, signatures
             if plain is not scene and one.family:
-                searched, signatures[one.family] = _seen_elsewhere(
-                    scene, acc, plain, reference, one, *signatures[one.family])
-                none += searched
-            new = _account_with(scene, plain, acc, one, signatures, none)
+                none, some = none + seen_elsewhere(one, glimpsed), glimpsed
+            new = _account_with(scene, plain, acc, one, some, none + HOPELESS_NATS)
             known[key] = one.account, new, new.log_evidence - none    # it stays alive
         return known[key][1:]
+
+    def seen_elsewhere(one, some):
+        searched, some[one.family] = _seen_elsewhere(
+            scene, acc, plain, reference, one, *some[one.family])
+        return searched
+
+    def settled(one, chosen):
+        """The account with the best rival, which may be known by a glimpse."""
+        if plain is scene or not one.family:
+            return chosen
+        seen_elsewhere(one, signatures)
+        return _account_with(scene, plain, acc, one, signatures)
     if plain is not scene:
         _seen_by_jumps(rivals, account_with)
     while True:
@@ -597,7 +611,7 @@ def _with_best(inside, plain, reference, rivals, signatures, by_chance):
             return weighed, None
         best = rivals[weighed.best]
         if best.chosen:
-            return weighed, best.chosen
+            return weighed, settled(best, best.chosen)
         if not best.family and best.account is None:    # what was told of it sufficed
             rivals[:] = [one for one in rivals if one.effect is not best.effect]
             rivals += inside.fitted(best.effect, 0.0, -np.inf)
@@ -608,7 +622,7 @@ def _with_best(inside, plain, reference, rivals, signatures, by_chance):
         if by_chance:
             worth -= by_chance(best.effect)
         if worth == best.log_bayes:
-            return weighed, chosen
+            return weighed, settled(best, chosen)
         rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=worth)
 
 
@@ -662,11 +676,11 @@ def _seen_by_jumps(rivals, account_with):
                 rivals[k] = rivals[k]._replace(chosen=chosen, log_bayes=worth)
 
 
-def _account_with(scene, plain, acc, best, signatures, none):
+def _account_with(scene, plain, acc, best, signatures, least=-np.inf):
     """The account with a rival in it; a filter with jumps to which it is worth no more
-    than `none` knows it less well.
+    than the `least` log evidence knows it less well.
     """
-    floor = -np.inf if plain is scene else none
+    floor = -np.inf if plain is scene else least
     if best.family:
         return with_signature(scene, acc, signatures[best.family][0], floor)
     if plain is not scene and best.effect.model and not best.effect.jumps:
