@@ -38,12 +38,12 @@ def test_what_lasts_a_short_while_needs_a_part_of_a_long_record(name, monkeypatc
     t = np.arange(N) - 40_000
     wave = np.where((t >= 0) & (t < 200), np.exp(0.3j * t) * np.sin(t * np.pi / 200), 0)
     columns = np.array([[wave.real, wave.imag]])
-    first, last = signatures._about(columns[0])
+    first, last = signatures._about(columns[0], solved.memory)
     assert 0 < first < last < N
     part, of_one = (signatures.information(scene, columns, own)
                     for own in (solved, one))
     monkeypatch.setattr(signatures, "MEMORY", N)
-    whole = signatures.information(scene, columns, solved)
+    whole = signatures.information(scene, columns, solved._replace(memory=N))
     scale = np.trace(whole, axis1=2, axis2=3)[..., None, None]
     assert np.abs(part - whole).max() < 1e-6 * scale.min()
     assert np.abs(of_one - whole[1:]).max() < 1e-6 * scale.min()
@@ -382,12 +382,35 @@ def test_waves_are_scored_alike_by_the_part_of_a_record_where_they_are(nodes,
         signatures._scores_within): parts.append(where[-2:]) or own(*where))
     near = signatures.scores_at(scene, family, solved, psi)
     monkeypatch.setattr(signatures, "MEMORY", N)
-    whole = signatures.scores_at(scene, family, solved, psi)
-    ((first, last),) = parts
-    assert 0 < first < 30_000 and last - first < N / 2
+    whole = signatures.scores_at(scene, family, solved._replace(memory=N), psi)
+    (first, last), of_whole = parts
+    assert 0 < first < 30_000 and last - first < N / 2 and of_whole == (0, N)
     assert_allclose(near.psi, whole.psi)
     for part, other in zip(near[1:4], whole[1:4]):
         assert_allclose(part, other, rtol=1e-9)
+
+
+def test_waves_that_are_apart_are_scored_each_by_its_own_part(monkeypatch):
+    N = 100_000
+    y = np.random.default_rng(8).standard_normal(N)
+    scene = Scene(y, 1.0, {})
+    h = member(scene, sensorid.hypothesis("random_walk", sigma_w=0.05, sigma_v=1.0))
+    solved = filters.solve(h, scene, (), np.array([[0.05, 1.0]]))
+    assert solved.memory < signatures.MEMORY
+    family = signatures.Family(CATALOGUE["vibration_burst"], "")
+    psi = [(90_000.5, 40.0, 0.2), (50.0, 70_000.0, 0.1), (500.0, 60_000.0, 0.01),
+           (1000.0, 300.0, 0.1), (1000.0, 300.0, 0.1)]
+    parts = []
+    monkeypatch.setattr(signatures, "_scores_within", lambda *where, own=(
+        signatures._scores_within): parts.append(where[-3:]) or own(*where))
+    apart = signatures.scores_at(scene, family, solved, psi)
+    assert [(len(some), (first, last) == (0, N)) for some, first, last in parts] == [
+        (1, False), (2, True), (1, False), (1, False)]
+    monkeypatch.setattr(signatures, "MEMORY", N)
+    whole = signatures.scores_at(scene, family, solved._replace(memory=N), psi)
+    assert_array_equal(apart.psi, psi)
+    for one, other in zip(apart[1:4], whole[1:4]):
+        assert_allclose(one, other, rtol=1e-9)
 
 
 @pytest.mark.parametrize("amplitude", [10.0, large(1.0), large(1000.0)])

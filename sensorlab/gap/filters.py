@@ -661,6 +661,7 @@ class Solved(NamedTuple):
     filter: Filter = None  # of the only node, beside which the bank is slow
     passed: np.ndarray = None    # (M, N) as `steps`, of steps that pass a low-pass, if
                                  # there is one
+    memory: int = None     # samples in which the filters forget
 
     __repr__ = brief
 
@@ -673,7 +674,7 @@ class Solved(NamedTuple):
                 (share[own], Modes(*(part[own] for part in there)))
                 for share, there in self.spectra), Bank(*(m[own] for m in self.bank)),
             p._replace(own=p.own[:, own], r=p.r[own], later=p.later[own]),
-            self.rounding[own], passed=self.passed[own])
+            self.rounding[own], passed=self.passed[own], memory=self.memory)
 
     def cut(self, first, last):
         """The same, for what is 0 but from the first sample to the last: no steps."""
@@ -720,8 +721,25 @@ def solve(h, scene, signatures, theta, low_pass=None):
         residual[node] -= np.einsum("j, ji -> i", size, w[:, node])
     spectra = _spectra(h, scene, theta, b)
     return Solved(known.log_likelihood, residual, w, known.covariance, shocks[0],
-                  known.size, spectra, b, one, _rounding(spectra, b, one, observed,
-                                                         shocks[0]), passed=shocks[-1])
+                  known.size, spectra, b, one, _rounding(
+                      spectra, b, one, observed, shocks[0]), passed=shocks[-1],
+                  memory=_memory(one, N))
+
+
+MEMORY = 10**4    # samples in which a filter forgets how it began, at most
+
+
+def _memory(parts, N):
+    """Samples in which filters of a long record forget all but rounding of one: twice
+    as many as one of the nodes takes, MEMORY at most, or where their noise changes.
+    """
+    if N <= 3 * MEMORY or len(parts.later) or parts.r.shape[1] > 1:
+        return MEMORY
+    own = _filter_at(parts, parts.h[None], len(parts.r) // 2, np.zeros(
+        2 * MEMORY, bool))
+    (z,) = own.whitened(np.eye(1, 2 * MEMORY, MEMORY))
+    left = np.cumsum(z[:MEMORY:-1]**2)[::-1]
+    return min(2 * int(np.sum(left > EPSILON * dot(z, z))) + 1, MEMORY)
 
 
 TURNS = 4.0 * np.geomspace(1e-4, 1.0, 64)    # |1 - exp(-i w)|^2 where edges are seen

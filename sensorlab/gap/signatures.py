@@ -13,7 +13,7 @@ from numba import njit
 from sensorid import INSIDE, brief, mesh
 from sensorlab.gap.catalogue import CATALOGUE, LASTS
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
-from sensorlab.gap.filters import HARMLESS, cut, summed
+from sensorlab.gap.filters import HARMLESS, MEMORY, cut, summed
 from sensorlab.gap.kernels import KERNEL, row_products
 
 # ---- Bayes factor of a size
@@ -223,18 +223,30 @@ def columns_at(scene, family, psi):
 def scores_at(scene, family, solved, psi=None):
     """`Scores` of the signatures of `blocks`."""
     psi = list(family.psi if psi is None else psi)
-    if family.effect.search == "waves":
-        begin, end = span_of(scene, psi)
-        first, last = _needed(begin, end, len(scene.y))
-        if last - first < len(scene.y):
-            return _scores_within(scene, family, solved, psi, first, last)
-    parts = []
-    for block in blocks(scene, family, solved, psi):
-        m, k, N = block.columns.shape
-        number = row_products(solved.residual, block.columns.reshape(-1, N))
-        parts.append(least_squares(block.psi, number.reshape(-1, m, k), information(
-            scene, block.columns, solved))._replace(variant=block.variant))
-    return joined(parts)
+    return joined([found for some, part in _pieces(scene, family, solved, psi)
+                   for found in _scores_within(scene, family, solved, some, *part)])
+
+
+def _pieces(scene, family, solved, psi):
+    """Some psi after others, and the first and last sample of a part of the scene that
+    tells all of their signatures: waves are over soon.
+    """
+    whole = 0, len(scene.y)
+    if family.effect.search != "waves":
+        return [(psi, whole)]
+
+    def needed(some):
+        return _needed(*span_of(scene, some), len(scene.y), solved.memory)
+    if needed(psi) != whole:
+        return [(psi, needed(psi))]
+    result = []    # they are apart, or long
+    for one in psi:
+        part = needed([one])
+        if result and result[-1][1] == part == whole:
+            result[-1][0].append(one)
+        else:
+            result.append(([one], part))
+    return result
 
 
 def span_of(scene, psi):
@@ -247,12 +259,22 @@ def span_of(scene, psi):
 
 
 def _scores_within(scene, family, solved, psi, first, last):
-    """`scores_at` of waves that are over within a part of the scene, by that part."""
-    later = [(onset - first * scene.dt, *rest) for onset, *rest in psi]
-    own = dict(zip(later, psi))
-    found = scores_at(scene.cut(slice(first, last)), family, solved.cut(first, last),
-                      later)
-    return found._replace(psi=np.array([own[tuple(one)] for one in found.psi.tolist()]))
+    """`Scores` of one block of signatures after another by a part of the scene that
+    tells all of them.
+    """
+    own = {}    # psi of the scene, by that of its part
+    if last - first < len(scene.y):
+        later = [(onset - first * scene.dt, *rest) for onset, *rest in psi]
+        own = dict(zip(later, psi))
+        scene, solved, psi = (scene.cut(slice(first, last)), solved.cut(first, last),
+                              later)
+    for block in blocks(scene, family, solved, psi):
+        m, k, N = block.columns.shape
+        number = row_products(solved.residual, block.columns.reshape(-1, N))
+        yield least_squares([own[one] for one in block.psi] if own else block.psi,
+                            number.reshape(-1, m, k), information(
+                                scene, block.columns, solved))._replace(
+            variant=block.variant)
 
 
 def joined(parts):
@@ -348,24 +370,24 @@ def _by_grids(scene, family, one, at, grid, steps):
     return family, here, found
 
 
-MEMORY = 10**4    # samples in which a filter forgets how it began, ...
-FORGETS = 10      # ... and times as many as a signature lasts, at least
+FORGETS = 10    # times as many samples as a signature lasts, at least, in which filters
+                # forget that have a long memory
 
 
-def _about(rows):
-    """First and last sample of a record from which a filter tells all of some rows
-    (R, N): of such as are 0 but for a short while, few.
+def _about(rows, memory):
+    """First and last sample of a record from which a filter of some memory tells all of
+    some rows (R, N): of such as are 0 but for a short while, few.
     """
     N = rows.shape[1]
     seen = rows.any(0) if N > 3 * MEMORY else np.ones(1, bool)
-    return _needed(int(seen.argmax()), N - int(seen[::-1].argmax()), N)
+    return _needed(int(seen.argmax()), N - int(seen[::-1].argmax()), N, memory)
 
 
-def _needed(begin, end, N):
-    """First and last sample, of N, from which a filter tells all of what is 0 but
-    between these two.
+def _needed(begin, end, N, memory):
+    """First and last sample, of N, from which a filter of some memory tells all of what
+    is 0 but between these two.
     """
-    more = max(MEMORY, FORGETS * (end - begin))
+    more = memory if memory < MEMORY else max(MEMORY, FORGETS * (end - begin))
     first, last = max(begin - more, 0), min(end + more, N)
     return (first, last) if last - first < N // 2 else (0, N)
 
@@ -374,7 +396,7 @@ def information(scene, columns, solved):
     """Information (M, m, k, k) of signatures (m, k, N) beside the known columns."""
     m, k, N = columns.shape
     rows = columns.reshape(-1, N)
-    first, last = _about(rows)
+    first, last = _about(rows, solved.memory)
     own, gap = rows[:, first:last], np.isnan(scene.y[first:last])
     own = np.where(gap, np.nan, own) if gap.any() else np.ascontiguousarray(own)
     if solved.filter:
