@@ -390,6 +390,24 @@ def test_waves_are_scored_alike_by_the_part_of_a_record_where_they_are(nodes,
         assert_allclose(part, other, rtol=1e-9)
 
 
+def test_what_a_filter_remembers_lasts_over_samples_that_are_missing():
+    N = 100_000
+    h = sensorid.hypothesis("random_walk", sigma_w=0.05, sigma_v=1.0)
+
+    def memory(missing):
+        y = np.zeros(N)
+        y[missing] = np.nan
+        scene = Scene(y, 1.0, {})
+        return filters.solve(member(scene, h), scene, (), np.array([[0.05, 1.0]])
+                             ).memory
+    whole = memory(slice(0))
+    # of a walk, by 1 - gain a sample: twice as many as take it to 1e-8, about
+    assert 0.8 < whole / (2.0 * np.log(1e-8) / np.log(1.0 - 0.05)) < 1.1
+    assert memory(slice(30_000, 31_000)) == pytest.approx(whole + 1000, rel=0.02)
+    assert memory(slice(0, None, 2)) == pytest.approx(2 * whole, rel=0.02)
+    assert memory(slice(0, 40_000)) == filters.MEMORY
+
+
 def test_waves_that_are_apart_are_scored_each_by_its_own_part(monkeypatch):
     N = 100_000
     y = np.random.default_rng(8).standard_normal(N)

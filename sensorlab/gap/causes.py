@@ -676,11 +676,10 @@ def _seen_by_jumps(rivals, account_with):
                 rivals[k] = rivals[k]._replace(chosen=chosen, log_bayes=worth)
 
 
-def _account_with(scene, plain, acc, best, signatures, least=-np.inf):
-    """The account with a rival in it; a filter with jumps to which it is worth no more
-    than the `least` log evidence knows it less well.
+def _account_with(scene, plain, acc, best, signatures, floor=-np.inf):
+    """The account with a rival in it; `floor` as for `account`, of filters with jumps.
     """
-    floor = -np.inf if plain is scene else least
+    floor = -np.inf if plain is scene else floor
     if best.family:
         return with_signature(scene, acc, signatures[best.family][0], floor)
     if plain is not scene and best.effect.model and not best.effect.jumps:

@@ -723,23 +723,26 @@ def solve(h, scene, signatures, theta, low_pass=None):
     return Solved(known.log_likelihood, residual, w, known.covariance, shocks[0],
                   known.size, spectra, b, one, _rounding(
                       spectra, b, one, observed, shocks[0]), passed=shocks[-1],
-                  memory=_memory(one, N))
+                  memory=_memory(one, observed))
 
 
 MEMORY = 10**4    # samples in which a filter forgets how it began, at most
 
 
-def _memory(parts, N):
-    """Samples in which filters of a long record forget all but rounding of one: twice
-    as many as one of the nodes takes, MEMORY at most, or where their noise changes.
+def _memory(parts, observed):
+    """Samples in which filters of a long record, `observed` (N,) where it is seen,
+    forget all but rounding of one: twice as many as one of the nodes takes, and those
+    that are missing; MEMORY at most, or where their noise changes.
     """
+    N, seen = len(observed), np.flatnonzero(observed)
     if N <= 3 * MEMORY or len(parts.later) or parts.r.shape[1] > 1:
         return MEMORY
     own = _filter_at(parts, parts.h[None], len(parts.r) // 2, np.zeros(
         2 * MEMORY, bool))
     (z,) = own.whitened(np.eye(1, 2 * MEMORY, MEMORY))
     left = np.cumsum(z[:MEMORY:-1]**2)[::-1]
-    return min(2 * int(np.sum(left > EPSILON * dot(z, z))) + 1, MEMORY)
+    own = 2 * np.sum(left > EPSILON * dot(z, z)) * N // len(seen)
+    return min(int(own + np.diff(seen, prepend=-1, append=N).max()), MEMORY)
 
 
 TURNS = 4.0 * np.geomspace(1e-4, 1.0, 64)    # |1 - exp(-i w)|^2 where edges are seen
