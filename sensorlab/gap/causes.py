@@ -269,6 +269,10 @@ class _Inside(_Where):
         """What `promised` has given."""
         return {}
 
+    def prepare(self):
+        """Make what `promised` shares, before several threads ask for it at once."""
+        return self.spectra, self._known
+
     def start(self, effect):
         """The scene and the account that an effect is to join."""
         return (self.scene, self.acc) if effect.jumps else (self.plain, self.reference)
@@ -409,6 +413,8 @@ def _told_by_screens(inside, effects):
             # to a filter that knows no white noise, one is a burst
             about = max(about, screened(CATALOGUE["noise_bursts"], scene, z, variance))
         return about
+    if any(effect.search in BY_SPECTRA for effect in effects):
+        inside.prepare()
     return side_by_side(told, effects)
 
 

@@ -118,7 +118,8 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     account, if it is known; of this very account, with this seed and `before`, its
     simulated records are the first.
     """
-    trials = trials or enough_trials(scene)
+    usual = enough_trials(scene)
+    trials = trials or usual
     again = near is not None and near.ruler.fit.setting.acc is acc
     if again:
         (fit, *seen), truth = near.ruler[:3], near.theta
@@ -133,7 +134,6 @@ def distance(scene, acc, trials=None, seed=0, first=0, before=None, near=None):
     ruler = _Ruler(fit, *seen)
     real, stats, gain = ruler.laid(scene.y[None], setting.own, True)
     block = fit.block(trials)
-    usual = enough_trials(scene)
     compared = 0 if before is None or usual < MIN_WAYS else usual
 
     def measured(number):

@@ -15,8 +15,7 @@ from scipy.stats import chi2, multivariate_t
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import (
-    GROUP, INSIDE, LOG_2PI, at_quantiles, brief, free_columns, middles,
-    tempered)
+    GROUP, INSIDE, LOG_2PI, at_quantiles, brief, free_columns, middles, tempered)
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import explained, in_parts, parts_at
 from sensorlab.gap.kernels import (

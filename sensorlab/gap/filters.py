@@ -737,12 +737,12 @@ def _memory(parts, observed):
     N, seen = len(observed), np.flatnonzero(observed)
     if N <= 3 * MEMORY or len(parts.later) or parts.r.shape[1] > 1:
         return MEMORY
-    own = _filter_at(parts, parts.h[None], len(parts.r) // 2, np.zeros(
+    one = _filter_at(parts, parts.h[None], len(parts.r) // 2, np.zeros(
         2 * MEMORY, bool))
-    (z,) = own.whitened(np.eye(1, 2 * MEMORY, MEMORY))
+    (z,) = one.whitened(np.eye(1, 2 * MEMORY, MEMORY))
     left = np.cumsum(z[:MEMORY:-1]**2)[::-1]
-    own = 2 * np.sum(left > EPSILON * dot(z, z)) * N // len(seen)
-    return min(int(own + np.diff(seen, prepend=-1, append=N).max()), MEMORY)
+    count = 2 * np.sum(left > EPSILON * dot(z, z)) * N // len(seen)
+    return min(int(count + np.diff(seen, prepend=-1, append=N).max()), MEMORY)
 
 
 TURNS = 4.0 * np.geomspace(1e-4, 1.0, 64)    # |1 - exp(-i w)|^2 where edges are seen
