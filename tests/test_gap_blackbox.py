@@ -4,14 +4,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import DT, large
+from conftest import DT, dense, large
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 import sensorid
 import sensorlab
+from sensorlab import Scene
 from sensorlab.gap import blackbox, words
+from sensorlab.gap.causes import Beyond
 from sensorlab.gap.distance import distance
+from sensorlab.gap.effects import members
 from sensorlab.gap.twins import less_shared
 
 
@@ -104,6 +107,56 @@ def test_a_range_holds_what_a_further_record_has(records, apart):
         (p,) = blackbox._ranges((parameter,), samples)
         hits += p.low <= np.exp(truth[0]) <= p.high
     assert hits / trials > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / trials)
+
+
+@pytest.fixture(scope="module")
+def slow():
+    """A record with slow noise, weak enough that it may be faster and stronger, and the
+    simulator that is known by it.
+    """
+    h = sensorid.hypothesis("markov", tau_m=20.0, sigma_m=0.4, sigma_v=1.0)
+    (y,) = sensorid.simulate([h], DT, 700, seed=8).error
+    return y, sensorlab.simulator_from(y[None], DT)
+
+
+def exact(y, theta, bias_sigma):
+    """Log-likelihoods (M,), but for a constant, by the dense covariance."""
+    result = []
+    for one in theta:
+        C = dense(one, len(y), bias_sigma)
+        result.append(-0.5 * (np.linalg.slogdet(C)[1] + y @ np.linalg.solve(C, y)))
+    return np.array(result)
+
+
+def test_a_simulator_knows_how_its_parameters_hang_together(slow):
+    y, simulator = slow
+    (h,) = members(simulator, Scene(y, DT, {}))
+    assert [symbol for _, symbol in simulator.joint.keys] == [
+        "tau_m", "sigma_m", "sigma_v"]
+    u = np.random.default_rng(1).random((60, 3))
+    theta = np.array([p.quantile(x) for p, x in zip(h.parameters, u.T)]).T
+    told, true = h.log_joint(theta), exact(y, theta, 1e3)
+    near = true > true.max() - 12.0
+    assert near.sum() > 20 and true.min() < true.max() - 12.0
+    off = told - true - np.mean((told - true)[near])
+    assert np.sqrt(np.mean(off[near]**2)) < 0.2
+    assert (told[~near] < told.max() - 8.0).all()
+
+
+def test_what_may_be_wrong_says_nothing_of_the_others(slow):
+    y, simulator = slow
+    (h,) = members(simulator, Scene(y, DT, {}))
+    p = h.parameters[2]
+    loose = h.with_prior(("", "sigma_v"), Beyond(
+        "sigma_v", 0.01 * p.low, 100.0 * p.high, p.low, p.high))
+    middle = np.array([one.mean for one in h.parameters])
+    theta = np.tile(middle, (4, 1))
+    theta[:, 0] = np.linspace(h.parameters[0].low, h.parameters[0].high, 6)[1:-1]
+    told = loose.log_joint(theta * [1.0, 1.0, 7.0])
+    every = np.linspace(p.low, p.high, 41)[1::2]
+    true = [np.logaddexp.reduce(exact(y, [(*one[:2], x) for x in every], 1e3))
+            for one in theta]
+    assert_allclose(told - told[0], true - true[0], atol=0.2)
 
 
 def test_records_that_agree_are_a_narrower_range_than_their_scatter_alone():

@@ -51,7 +51,7 @@ def test_a_section_calls_only_sections_above_it(end):
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
              # folder
     "sensorlab/gap": ["costs", "effects", "catalogue", "kernels", "lowpass",
-                      "unrolled", "steps", "mixtures", "filters", "evidence",
+                      "unrolled", "steps", "mixtures", "filters", "evidence", "joint",
                       "screens", "spectra", "signatures", "onsets", "scans", "tuning",
                       "clipping", "readings", "account", "directed", "causes", "pairs",
                       "probes", "places", "distance", "closure", "drift", "twins",

@@ -31,6 +31,7 @@ Notation
     closure      how much smaller the gap is with the effects that were found
     remainder    what is left of it then; flexible: described by any colour and spread
     twins        records of a simulator that is known by them alone, its own
+    joint        what one such record tells of all parameters together
     drift        the error integrated over a horizon, which a gap costs a user
     held out     the last third of a record, foretold by a fit of the rest
     theta, x     parameters; the same where the prior is N(0, I)
@@ -39,7 +40,7 @@ Notation
 
 The files read in the order of the argument; each takes only from those before it:
 costs, effects, catalogue, kernels, lowpass, unrolled, steps, mixtures, filters,
-evidence, screens, spectra, signatures, onsets, scans, tuning, clipping, readings,
+evidence, joint, screens, spectra, signatures, onsets, scans, tuning, clipping, readings,
 account, directed, causes, pairs, probes, places, distance, closure, drift, twins,
 flexible, search, remainder, verdict, diagnosis, blackbox, sizes, words, report,
 curves.

@@ -13,6 +13,8 @@ from sensorlab.gap.account import account, fixed, solved_by
 from sensorlab.gap.catalogue import snapped
 from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import Scene, Simulator
+from sensorlab.gap.joint import joint_of
+from sensorlab.gap.readings import as_read
 
 MOST_RECORDS = 20    # that are described
 
@@ -35,9 +37,9 @@ def simulator_from(records, dt, columns=None):
         Hypothesis and effects of the first record. A parameter has the range in which
         that of a further record lies with 95 %: of its posterior where there is one
         record; where there are several, of Student's law of the posterior means, or of
-        what is known of each and of how far runs may be apart. The amplitude of a line
-        that several records tell has that of Student's law; of one, any may be as
-        large.
+        what is known of each and of how far runs may be apart. One record tells them
+        together, too: `Simulator.joint`. The amplitude of a line that several records
+        tell has that of Student's law; of one, any may be as large.
     """
     records = np.atleast_2d(records)[:MOST_RECORDS]
     first = diagnose(records[0], dt, default_hypotheses(records[0], dt), columns)
@@ -64,7 +66,9 @@ def simulator_from(records, dt, columns=None):
     for s, own in zip(acc.signatures, np.transpose(amplitudes)):
         effects.append(s.found._replace(values={
             **fixed(**s.found.values), **_sizes(s, own)}))
-    return Simulator((h,), ((*effects, *(r.found for r in acc.readings)),))
+    joint = None if len(records) > 1 else joint_of(
+        as_read(first.scene, acc.readings), acc, ranges)
+    return Simulator((h,), ((*effects, *(r.found for r in acc.readings)),), joint)
 
 
 def _amplitudes(scene, acc):

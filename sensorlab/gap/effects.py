@@ -175,6 +175,7 @@ class Simulator(NamedTuple):
 
     hypotheses: tuple     # of Hypothesis
     effects: tuple = ()   # of every hypothesis a tuple of Found; () if none has any
+    joint: object = None  # `Joint` of the parameters, where a record tells them
 
     @property
     def pairs(self):
@@ -192,6 +193,7 @@ class Member(NamedTuple):
     hypothesis: Hypothesis
     scene: Scene
     effects: tuple = ()    # of Found
+    joint: object = None   # as of a `Simulator`
 
     __repr__ = brief
 
@@ -221,6 +223,12 @@ class Member(NamedTuple):
     def of(self, one, theta):
         """Parameters of one of the effects by symbol from theta (..., p)."""
         return {symbol: self.value(theta, one.key, symbol) for symbol in one.values}
+
+    def log_joint(self, theta):
+        """What the simulator's own record tells of theta (M, p): its log-likelihood
+        (M,), or 0.
+        """
+        return self.joint.at(self, theta) if self.joint else 0.0
 
     def in_units(self, theta):
         """Theta (..., p) with all standard deviations times their common factor, if it
@@ -436,7 +444,7 @@ def members(simulator, scene):
     """The hypotheses of a simulator with the effects that are inside their filters."""
     result = []
     for h, effects in simulator.pairs:
-        member = Member(h, scene)
+        member = Member(h, scene, joint=simulator.joint)
         for one in effects:
             if (one.effect.model or one.effect.jumps) and not one.effect.reading:
                 member = member.joined(one._replace(values={

@@ -335,7 +335,8 @@ def filtered(h, scene, signatures, theta, y):
         return estimated(h, scene, signatures, theta, y).log_likelihood
     own, H = with_constants(h, scene, signatures, theta)
     (R, N), M = y.shape, len(theta)
-    return _through_mixtures(h, own, H, theta, y, np.empty((R, M, 0, N)))
+    return h.log_joint(theta) + _through_mixtures(
+        h, own, H, theta, y, np.empty((R, M, 0, N)))
 
 
 def _is_plain(h, y):
@@ -522,8 +523,9 @@ def estimated(h, scene, signatures, theta, y=None):
     columns = [c for s in signatures for c in s.columns.T]
     variance = constants(h, signatures)
     gram = products(h, scene, y, columns, theta)
-    return marginal(gram.products, gram.log_det, gram.count, np.append(
+    known = marginal(gram.products, gram.log_det, gram.count, np.append(
         variance[1:], variance[0]))
+    return known._replace(log_likelihood=known.log_likelihood + h.log_joint(theta))
 
 
 def explained(h, scene, signatures, theta):
@@ -587,6 +589,7 @@ class Shared(NamedTuple):
     gram: Gram              # of columns
     w: np.ndarray           # (c M, N) C^-1 of columns
     gap: np.ndarray         # (N,)
+    log_joint: np.ndarray   # (M,), or 0
 
     __repr__ = brief
 
@@ -598,7 +601,8 @@ class Shared(NamedTuple):
         gram[..., 0, 1:-1] = row_products(self.w, np.where(self.gap, 0.0, y)).reshape(
             -1, gram.shape[1], len(y)).T
         gram[..., 1:, 0] = gram[..., 0, 1:]
-        return marginal(gram, sums.log_det, sums.count, self.variance).log_likelihood
+        return self.log_joint + marginal(
+            gram, sums.log_det, sums.count, self.variance).log_likelihood
 
 
 def shared(h, scene, signatures, theta, gap):
@@ -613,7 +617,7 @@ def shared(h, scene, signatures, theta, gap):
     # the first column stands for a record
     gram = products(h, scene, np.where(gap, np.nan, columns[:1]), columns, theta)
     return Shared(b, one, np.append(variance[1:], variance[0]), gram,
-                  w.reshape(-1, len(gap)), gap)
+                  w.reshape(-1, len(gap)), gap, h.log_joint(theta))
 
 
 def summed(b, parts, rows, pairs):
@@ -720,8 +724,8 @@ def solve(h, scene, signatures, theta, low_pass=None):
     for node, size in enumerate(known.size):
         residual[node] -= np.einsum("j, ji -> i", size, w[:, node])
     spectra = _spectra(h, scene, theta, b)
-    return Solved(known.log_likelihood, residual, w, known.covariance, shocks[0],
-                  known.size, spectra, b, one, _rounding(
+    return Solved(known.log_likelihood + h.log_joint(theta), residual, w,
+                  known.covariance, shocks[0], known.size, spectra, b, one, _rounding(
                       spectra, b, one, observed, shocks[0]), passed=shocks[-1],
                   memory=_memory(one, observed))
 

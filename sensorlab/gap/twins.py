@@ -42,9 +42,12 @@ class Twins:
         """
         if like is None:
             return
-        self.accounts = [account(
-            as_read(scene, like.readings), like.bases, like.hypotheses,
-            like.signatures, like.readings) for scene in self.scenes]
+        # that their own record tells the parameters, too, would count it twice
+        bases, hypotheses = ([h._replace(joint=None) for h in some]
+                             for some in (like.bases, like.hypotheses))
+        self.accounts = [account(as_read(scene, like.readings), bases, hypotheses,
+                                 like.signatures, like.readings)
+                         for scene in self.scenes]
         self.distances = np.array([distance(scene, acc, min(
             TRIALS_TWIN, enough_trials(scene)), self.seed).distance
             for scene, acc in zip(self.scenes, self.accounts)])
