@@ -273,7 +273,7 @@ def augmented(d):
     to, sample, theta = d.final.member.in_units, d.final.sample, d.after.theta
     # a uniform range of this half-width has that standard deviation
     width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(theta))
-    (h,), (effects,) = as_simulated(d.final, d.scene, theta, width)
+    ((h, effects),) = as_simulated(d.final, d.scene, theta, width).pairs
     effects = _with_ranges(d, effects)
     known = sum((signature_of(d.scene, one, known_values(one))
                  for one in d.known), 0.0)

@@ -11,7 +11,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import brief, free_columns
-from sensorlab.gap.evidence import effort, log_sum
+from sensorlab.gap.evidence import NOTHING, effort, log_sum
 from sensorlab.gap.filters import log_likelihoods
 
 
@@ -38,28 +38,33 @@ class Joint(NamedTuple):
         own[:, known] = theta[:, [h.keys.index(key) for key, yes in zip(
             self.keys, known) if yes]]
         if known.all():
-            return self.surface(_place(own, self.low, self.high))
+            return self._in(own)
         own = np.repeat(own, AVERAGED, axis=0)
         u = LatinHypercube(int(np.sum(~known)), rng=0).random(AVERAGED)
         low, high = self.low[~known], self.high[~known]
         own[:, ~known] = np.tile(low + u * (high - low), (len(theta), 1))
-        return log_sum(self.surface(_place(own, self.low, self.high)).reshape(
-            -1, AVERAGED), axis=1) - np.log(AVERAGED)
+        return log_sum(self._in(own).reshape(-1, AVERAGED), axis=1) - np.log(AVERAGED)
+
+    def _in(self, theta):
+        """It at parameters (M, d) in their ranges; between nodes it is never higher
+        than at the highest.
+        """
+        return np.minimum(self.surface(_place(theta, self.low, self.high)), 0.0)
 
 
-AVERAGED = 64    # parameters that stand for a range
-NODES = 256      # in all ranges, beside those of the posterior
-MARGIN = 0.5     # of a range, beyond its ends, where nodes of the posterior count
-DEEPEST = 60.0   # nats below the best node, from which on one tells nothing
+AVERAGED = 32    # parameters that stand for a range
+ROUND = 256      # nodes of a round, fewer for a long record
+MAX_ROUNDS = 6
+GOOD = 0.1       # nats: root mean square error at which no further round is needed
+USABLE = 1.0     # beyond it the ranges alone are what is known
+NEAR = 12.0      # nats below the peak, within which a surface must be good
+DEEPEST = 60.0   # below which a node tells nothing
+MARGIN = 0.5     # of a range, beyond its ends, where nodes count
 
 
 def joint_of(scene, acc, ranges):
     """`Joint` of an account of the scene in which a simulator's own record is, and the
     ranges of all of its parameters; None where none has one.
-
-    Between nodes, by cubic radial functions beside a parabola, it is good to 0.03 nats
-    where the posterior is, and to 0.2 within 12 nats of its peak, for four parameters
-    and for eight.
     """
     h = acc.member
     columns = [c for c in free_columns(ranges) if h.parameters[c].free]
@@ -67,21 +72,49 @@ def joint_of(scene, acc, ranges):
         return None
     low, high = (np.array([getattr(ranges[c], end) for c in columns])
                  for end in ("low", "high"))
-    place = LatinHypercube(len(columns), rng=0).random(round(NODES * effort(scene)))
-    theta = np.tile(acc.theta, (len(place), 1))
-    theta[:, columns] = _value(place, low, high)
+
+    def log_likelihood(place):
+        theta = np.tile(acc.theta, (len(place), 1))
+        theta[:, columns] = _value(place, low, high)
+        told = log_likelihoods(h, scene, acc.signatures, theta)
+        return np.where(np.isfinite(told), told, NOTHING)
     own = acc.sample
-    place = np.vstack([place, _place(own.theta[:, columns], low, high)])
-    value = np.append(log_likelihoods(h, scene, acc.signatures, theta),
-                      own.log_likelihood[:, 0])
-    counts = (np.abs(place - 0.5) <= 0.5 + MARGIN).all(1) & (
+    surface = surface_of(log_likelihood, _place(own.theta[:, columns], low, high),
+                         own.log_likelihood[:, 0], round(ROUND * effort(scene)))
+    return surface and Joint(tuple(h.keys[c] for c in columns), low, high, surface)
+
+
+def surface_of(log_likelihood, place, value, count):
+    """A function (M, d) -> (M,) near a log-likelihood in the unit cube, less its peak,
+    through what is known at some places (m, d) and at `count` more a round, first in
+    all of the cube, then where it seems to be high; None if it stays far from it.
+    """
+    d, surface = place.shape[1], None
+    for number in range(MAX_ROUNDS):
+        tried = LatinHypercube(d, rng=number).random(count * (1 + 15 * bool(number)))
+        if surface:
+            tried = tried[surface(tried) > -NEAR][:count]
+        told = log_likelihood(tried)
+        off = surface(tried) - (told - value.max()) if surface else np.inf
+        error = np.sqrt(np.mean(np.square(off))) if len(tried) else 0.0
+        place, value = np.vstack([place, tried]), np.append(value, told)
+        if error < GOOD:
+            break
+        surface = _through(place, value)
+    return surface if error < USABLE else None
+
+
+def _through(place, value):
+    """The function through values at places, less the highest: a parabola and cubic
+    radial functions.
+    """
+    known = (np.abs(place - 0.5) <= 0.5 + MARGIN).all(1) & (
         value > value.max() - DEEPEST)
-    place, first = np.unique(place[counts], axis=0, return_index=True)
-    d = len(columns)
+    place, first = np.unique(place[known].round(6), axis=0, return_index=True)
+    d = place.shape[1]
     parabola = (d + 1) * (d + 2) // 2    # its coefficients
-    return Joint(tuple(h.keys[c] for c in columns), low, high, RBFInterpolator(
-        place, value[counts][first] - value.max(), kernel="cubic",
-        degree=2 if len(place) >= 2 * parabola else 1))
+    return RBFInterpolator(place, value[known][first] - value.max(), kernel="cubic",
+                           degree=2 if len(place) >= 2 * parabola else 1)
 
 
 def _place(theta, low, high):

@@ -9,7 +9,8 @@ import numpy as np
 
 from sensorid import Parameter, probabilities
 from sensorlab.gap.account import Account, account, with_sizes
-from sensorlab.gap.causes import further_causes
+from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.causes import further_causes, search_cost
 from sensorlab.gap.distance import distance, enough_trials, p_values
 from sensorlab.gap.readings import as_read
 
@@ -91,23 +92,35 @@ class Twins:
         free = {p.symbol: p for p in effect.effect.parameters(self.scenes[0])}
         there = {symbol: _within(p, values(symbol), acc.sample.weight)
                  for symbol, p in free.items()}
-        as_there, as_each = (self._with(effect._replace(values=own))
-                             for own in (there, free))
-        return Have(float(probabilities(
-            [self._gain(as_there), 0.0, self._gain(as_each)])[0]), as_each[0])
-
-    def _gain(self, others):
-        """Log evidence of other accounts of theirs over that of their own, nats."""
-        return sum(other.log_evidence - own.log_evidence
-                   for other, own in zip(others, self.accounts))
+        (there, _), (each, as_each) = (self._with(effect._replace(values=own))
+                                       for own in (there, free))
+        return Have(float(probabilities([there, 0.0, each])[0]), as_each[0])
 
     def _with(self, effect):
-        """Their accounts with one more effect inside the filter."""
-        return [account(
+        """Log evidence over that of their accounts, nats, with one more effect inside
+        the filter, and these accounts; without signatures that need not be there then:
+        a walk may have been described as a drift.
+        """
+        left = self.accounts[0].signatures
+        most, best = self._fitted(effect, left)
+        for one in left:
+            fewer = tuple(s for s in left if s is not one)
+            gain, others = self._fitted(effect, fewer)
+            gain += np.log(len(CATALOGUE)) + search_cost(
+                one.found.effect, self.scenes[0])
+            if gain > most:
+                left, most, best = fewer, gain, others
+        return most, best
+
+    def _fitted(self, effect, signatures):
+        """The same with these signatures."""
+        result = [account(
             as_read(scene, own.readings), own.bases, [h.joined(effect)
                                                       for h in own.hypotheses],
-            own.signatures, own.readings, own)
+            signatures, own.readings, own)
             for scene, own in zip(self.scenes, self.accounts)]
+        return sum(other.log_evidence - own.log_evidence
+                   for other, own in zip(result, self.accounts)), result
 
     def _all_have(self, one):
         """Do several, all of them, have what is like an effect where the first has?"""
