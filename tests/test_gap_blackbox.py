@@ -159,6 +159,40 @@ def test_what_may_be_wrong_says_nothing_of_the_others(slow):
     assert_allclose(told - told[0], true - true[0], atol=0.2)
 
 
+def slow_noise(rng, tau, sigma, n=1500):
+    a = np.exp(-1.0 / tau)
+    return lfilter([sigma * np.sqrt(1.0 - a * a)], [1.0, -a],
+                   rng.standard_normal(n + 200))[200:]
+
+
+@pytest.mark.large
+def test_noise_hides_in_no_corner_of_the_ranges():
+    # each range of its slow noise holds what is put in, but no record of it is both as
+    # fast and as strong
+    rng = np.random.default_rng(1)
+    theirs, y = (rng.standard_normal(1500) + slow_noise(rng, 40.0, 0.7)
+                 for _ in range(2))
+    simulator = sensorlab.simulator_from(theirs[None], DT)
+    tau, sigma, _ = simulator.hypotheses[0].parameters
+    assert tau.low < 6.0 < tau.high and sigma.low < 0.55 < sigma.high
+    for more, verdict in ((0.0, "none"), (0.55, "correlated_noise")):
+        d = sensorlab.diagnose(y + slow_noise(rng, 6.0, more), DT, simulator,
+                               simulated=theirs[None])
+        assert d.verdict == verdict
+
+
+@pytest.mark.large
+def test_a_walk_that_was_described_as_a_drift_is_not_surely_missing():
+    h = sensorid.hypothesis("random_walk", sigma_w=0.014, sigma_v=1.0)
+    theirs, y = (sensorid.simulate([h], DT, n, seed=seed).error[0]
+                 for n, seed in ((1500, 1004), (6000, 5004)))
+    simulator = sensorlab.simulator_from(theirs[None], DT)
+    assert [one.name for one in simulator.effects[0]] == ["second_order_drift"]
+    d = sensorlab.diagnose(y, DT, simulator, simulated=theirs[None])
+    none = next(c for c in d.causes if not c.found)
+    assert d.verdict in ("none", "undecided") and none.probability > 0.2
+
+
 def test_records_that_agree_are_a_narrower_range_than_their_scatter_alone():
     means, sds = np.array([-0.18, 0.02, 0.16]), np.full(3, 0.1)
     beside = blackbox._half_beside(means, sds)
