@@ -28,7 +28,7 @@ The file reads in the order of the paper; a section calls only sections above it
 
 import sys
 
-__version__ = "0.18.2"
+__version__ = "0.19.0"
 
 
 def main(argv=None):
@@ -119,7 +119,9 @@ except RuntimeError:    # neither this folder nor the user's own cache can be wr
     CACHE = False
 # vectors are as wide as LLVM has it for a processor: 512 bits on Zen 5 (30 % less time
 # than 256); NUMBA_CPU_FEATURES forces them in all code of a process, no module should
-JIT = dict(cache=CACHE, error_model="numpy", fastmath={"contract"})
+JIT = dict(cache=CACHE, error_model="numpy", fastmath={"contract"},
+           no_cfunc_wrapper=True)    # nobody calls it from C, and it takes a tenth of
+                                     # the time that compiling takes
 # of what other compiled code calls: a second copy of its own may be rounded in another
 # way, and which of the two a process takes would hang on what it has compiled itself
 INSIDE = dict(JIT, forceinline=True)

@@ -225,8 +225,8 @@ class Member(NamedTuple):
         return {symbol: self.value(theta, one.key, symbol) for symbol in one.values}
 
     def log_joint(self, theta):
-        """What the simulator's own record tells of theta (M, p): its log-likelihood
-        (M,), or 0.
+        """What the simulator's own record tells of theta (M, p): a share of its
+        log-likelihood (M,), or 0.
         """
         return self.joint.at(self, theta) if self.joint else 0.0
 

@@ -26,9 +26,9 @@ class Joint(NamedTuple):
     __repr__ = brief
 
     def at(self, h, theta):
-        """It (M,) at parameters theta (M, p) of a `Member`, less a constant. Of those
-        that the member lacks, or that may leave their ranges, as wrong ones may, the
-        simulator has any: the mean likelihood counts.
+        """SHARE of it (M,) at parameters theta (M, p) of a `Member`, less a constant.
+        Of those that the member lacks, or that may leave their ranges, as wrong ones
+        may, the simulator has any: the mean likelihood counts.
         """
         prior = dict(zip(h.keys, h.parameters))
         known = np.array([key in prior and least <= prior[key].low and (
@@ -46,12 +46,15 @@ class Joint(NamedTuple):
         return log_sum(self._in(own).reshape(-1, AVERAGED), axis=1) - np.log(AVERAGED)
 
     def _in(self, theta):
-        """It at parameters (M, d) in their ranges; between nodes it is never higher
-        than at the highest.
+        """The same at parameters (M, d) in their ranges; between nodes it is never
+        higher than at the highest.
         """
-        return np.minimum(self.surface(_place(theta, self.low, self.high)), 0.0)
+        return SHARE * np.minimum(self.surface(_place(
+            theta, self.low, self.high)), 0.0)
 
 
+SHARE = 0.5      # that counts: records of a real sensor are about as far apart as one
+                 # tells; each parameter alone is then as free as in its range
 AVERAGED = 32    # parameters that stand for a range
 ROUND = 256      # nodes of a round, fewer for a long record
 MAX_ROUNDS = 6
