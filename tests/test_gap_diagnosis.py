@@ -804,7 +804,7 @@ def test_no_verdict_hangs_on_a_large_offset(offset):
     assert near.verdict == far.verdict == "bias_step"
     assert far.found[0].values["size"][0] == pytest.approx(
         near.found[0].values["size"][0], abs=1e-3)
-    (h,), _ = sensorlab.augmented(far)
+    (h,) = sensorlab.augmented(far).hypotheses
     assert h.bias_sigma == pytest.approx(abs(offset), rel=0.5)
     clipped = sensorlab.diagnose(np.minimum(y, 4.5) + offset, DT, WHITE)
     assert clipped.found[0].values["limits"][0][1] == pytest.approx(offset + 4.5)

@@ -58,8 +58,9 @@ SHARE = 0.5      # that counts: records of a real sensor are about as far apart 
 AVERAGED = 32    # parameters that stand for a range
 ROUND = 256      # nodes of a round, fewer for a long record
 MAX_ROUNDS = 6
+SIEVED = 16      # times as many places, of which those that seem high are taken
 GOOD = 0.1       # nats: root mean square error at which no further round is needed
-USABLE = 1.0     # beyond it the ranges alone are what is known
+USABLE = 2.0     # beyond it the ranges alone are what is known
 NEAR = 12.0      # nats below the peak, within which a surface must be good
 DEEPEST = 60.0   # below which a node tells nothing
 MARGIN = 0.5     # of a range, beyond its ends, where nodes count
@@ -92,18 +93,20 @@ def surface_of(log_likelihood, place, value, count):
     through what is known at some places (m, d) and at `count` more a round, first in
     all of the cube, then where it seems to be high; None if it stays far from it.
     """
-    d, surface = place.shape[1], None
-    for number in range(MAX_ROUNDS):
-        tried = LatinHypercube(d, rng=number).random(count * (1 + 15 * bool(number)))
-        if surface:
-            tried = tried[surface(tried) > -NEAR][:count]
-        told = log_likelihood(tried)
-        off = surface(tried) - (told - value.max()) if surface else np.inf
-        error = np.sqrt(np.mean(np.square(off))) if len(tried) else 0.0
+    d = place.shape[1]
+    tried = LatinHypercube(d, rng=0).random(count)
+    told = log_likelihood(tried)
+    for number in range(1, MAX_ROUNDS):
         place, value = np.vstack([place, tried]), np.append(value, told)
-        if error < GOOD:
-            break
         surface = _through(place, value)
+        tried = LatinHypercube(d, rng=number).random(SIEVED * count)
+        tried = tried[surface(tried) > -NEAR][:count]
+        if not len(tried):
+            return surface
+        told = log_likelihood(tried)
+        error = np.sqrt(np.mean((surface(tried) - told + value.max())**2))
+        if error < GOOD:
+            return surface
     return surface if error < USABLE else None
 
 

@@ -101,15 +101,15 @@ class Twins:
         the filter, and these accounts; without signatures that need not be there then:
         a walk may have been described as a drift.
         """
-        left = self.accounts[0].signatures
-        most, best = self._fitted(effect, left)
-        for one in left:
-            fewer = tuple(s for s in left if s is not one)
-            gain, others = self._fitted(effect, fewer)
-            gain += np.log(len(CATALOGUE)) + search_cost(
+        kept, price = self.accounts[0].signatures, 0.0    # of all that it is without
+        most, best = self._fitted(effect, kept)
+        for one in kept:
+            fewer = tuple(s for s in kept if s is not one)
+            less = price + np.log(len(CATALOGUE)) + search_cost(
                 one.found.effect, self.scenes[0])
-            if gain > most:
-                left, most, best = fewer, gain, others
+            gain, others = self._fitted(effect, fewer)
+            if gain + less > most:
+                kept, price, most, best = fewer, less, gain + less, others
         return most, best
 
     def _fitted(self, effect, signatures):
