@@ -15,7 +15,7 @@ from sensorlab.gap import blackbox, words
 from sensorlab.gap.causes import Beyond
 from sensorlab.gap.distance import distance
 from sensorlab.gap.effects import members
-from sensorlab.gap.joint import SHARE
+from sensorlab.gap.joint import NEAR, SHARE, surface_of
 from sensorlab.gap.twins import less_shared
 
 
@@ -158,6 +158,28 @@ def test_what_may_be_wrong_says_nothing_of_the_others(slow):
     true = [np.logaddexp.reduce(SHARE * exact(
         y, [(*one[:2], x) for x in every], 1e3)) for one in theta]
     assert_allclose(told - told[0], true - true[0], atol=0.2)
+
+
+@pytest.mark.parametrize("width, axes, is_to_be_had", [
+    (0.3, 2, True), (0.03, 2, True), (0.1, 3, True), (0.03, 4, False)])
+def test_a_surface_is_near_a_bent_ridge_or_there_is_none(width, axes, is_to_be_had):
+    def ridge(place):
+        x = 4.0 * (place - 0.5)
+        across = (x[:, 1] - np.sin(1.3 * x[:, 0])) / width
+        return 7.0 - 0.5 * (across**2 + (x**2).sum(1) - x[:, 1]**2)
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((800, axes))
+    x[:, 1] = np.sin(1.3 * x[:, 0]) + width * x[:, 1]
+    known, place = np.split(0.5 + 0.25 * x, 2)
+    surface = surface_of(ridge, known, ridge(known), 256)
+    assert (surface is not None) == is_to_be_had
+    if is_to_be_had:
+        place = place[(np.abs(place - 0.5) < 0.5).all(1)]
+        off = surface(place) - ridge(place) + 7.0
+        assert np.sqrt(np.mean((off - off.mean())**2)) < 0.1
+        everywhere = rng.random((4000, axes))
+        low = ridge(everywhere) < 7.0 - 2.0 * NEAR
+        assert low.sum() > 400 and surface(everywhere[low]).max() < -NEAR
 
 
 def slow_noise(rng, tau, sigma, n=1500):
