@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.stats.qmc import LatinHypercube
 
-from sensorid import brief, free_columns
+from sensorid import Parameter, at_quantiles, brief, free_columns
 from sensorlab.gap.evidence import NOTHING, effort, log_sum
 from sensorlab.gap.filters import log_likelihoods
 
@@ -35,8 +35,8 @@ class Joint(NamedTuple):
             prior[key].high <= most) for key, least, most in zip(
                 self.keys, self.low, self.high)])
         own = np.zeros((len(theta), len(known)))
-        own[:, known] = theta[:, [h.keys.index(key) for key, yes in zip(
-            self.keys, known) if yes]]
+        for column in np.flatnonzero(known):
+            own[:, column] = h.value(theta, *self.keys[column])
         if known.all():
             return self._in(own)
         own = np.repeat(own, AVERAGED, axis=0)
@@ -68,19 +68,17 @@ MARGIN = 0.5     # of a range, beyond its ends, where nodes count
 
 def joint_of(scene, acc, ranges):
     """`Joint` of an account of the scene in which a simulator's own record is, and the
-    ranges of all of its parameters; None where none has one.
+    ranges of all of its parameters; None where none has one, or no surface is near.
     """
-    h = acc.member
-    columns = [c for c in free_columns(ranges) if h.parameters[c].free]
+    h, columns = acc.member, free_columns(ranges)
     if not columns or any(one.effect.factor for one in h.effects):
         return None
     low, high = (np.array([getattr(ranges[c], end) for c in columns])
                  for end in ("low", "high"))
+    placed = [Parameter(p.symbol, p.low, p.high, p.low > 0.0) for p in ranges]
 
     def log_likelihood(place):
-        theta = np.tile(acc.theta, (len(place), 1))
-        theta[:, columns] = _value(place, low, high)
-        told = log_likelihoods(h, scene, acc.signatures, theta)
+        told = log_likelihoods(h, scene, acc.signatures, at_quantiles(placed, place))
         return np.where(np.isfinite(told), told, NOTHING)
     own = acc.sample
     surface = surface_of(log_likelihood, _place(own.theta[:, columns], low, high),
@@ -130,10 +128,3 @@ def _place(theta, low, high):
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(low > 0.0, np.log(theta / low) / np.log(high / low),
                         (theta - low) / (high - low))
-
-
-def _value(place, low, high):
-    """The parameters (M, d) at these places."""
-    with np.errstate(invalid="ignore"):
-        return np.where(low > 0.0, low * (high / low)**place,
-                        low + place * (high - low))
