@@ -1368,7 +1368,11 @@ def _gains_unrolled(observed, last_gap, states, chain, nodes, P, gain, weight, l
     n, past = len(states), np.empty_like(P)
     for begin in range(0, len(observed), STRETCH):
         end = min(begin + STRETCH, len(observed))
-        past[:] = P
+        # not past[:] = P: its message, if it failed, takes longer to compile than this
+        for row in range(n):
+            for s in range(n):
+                for g in range(P.shape[2]):
+                    past[row, s, g] = P[row, s, g]
         for part in range(len(nodes)):
             node, first = nodes[part], part * PART
             for i in range(begin, end):

@@ -486,14 +486,19 @@ def _add_scores(y, h, pair, parts, P, r, factor, odds):
     least, before, settled = np.empty(lanes), np.zeros(lanes), False
     for i in range(len(y)):
         if not settled:
-            f[:] = r
+            for g in range(lanes):
+                f[g] = r[g]
             turn_covariance(parts, pair, P)
             observe_covariance(parts, pair, h, P, Ph, f)
-            weight[:], log_f[:], least[:] = 1.0 / f, np.log(f), np.sqrt(WILD_SQUARE * f)
+            for g in range(lanes):
+                weight[g], log_f[g] = 1.0 / f[g], np.log(f[g])
+                least[g] = np.sqrt(WILD_SQUARE * f[g])
             update_covariance(P, Ph, weight)
             if i % SETTLES == SETTLES - 1:
-                settled = np.abs(f - before).max() < 1e-9 * f.min()
-                before[:] = f
+                settled = True
+                for g in range(lanes):
+                    settled = settled and abs(f[g] - before[g]) < 1e-9 * f[g]
+                    before[g] = f[g]
         turn(parts, pair, x)
         seen = not np.isnan(y[i])
         for g in range(lanes):

@@ -3,8 +3,10 @@
 All numbers of a group are rows of lanes in one array, and the loops over states, whose
 number is the length of a tuple, have known lengths: LLVM unrolls these, if they are
 short, and makes vectors of the loop around them. That must be long enough not to be
-unrolled itself, and what follows from the level must be known, too: a level, or the end
-of a path, is a tuple that is empty or not.
+unrolled itself. What a kernel calls gets numbers, of states and of a level: it becomes
+part of the kernel, where they are known, and is compiled once: for every number that
+stands there, or is the length of a tuple, it would be again, for an np.int64 it is not.
+(What moves a covariance of four states gets the tuple: otherwise LLVM gives it up.)
 """
 
 import math
@@ -177,7 +179,7 @@ def filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
     """Groups of `mixtures.mixture_filters` of outliers alone. Probabilities have
     samples for lanes.
     """
-    N, M, n, rows = y.shape[1], own.shape[1], len(states), out.shape[2]
+    N, M, n, rows = y.shape[1], own.shape[1], np.int64(len(states)), out.shape[2]
     value, kept, of_kind = 4 * n + n * n, 4 * n + n * n + 4, (1, STRETCH)
     node, told = np.empty((value + 12) * LANES), np.empty((rows, STRETCH))
     past = np.empty((LANES, 6, *of_kind))
@@ -203,7 +205,7 @@ def filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
             if i == 0 or r.shape[1] > 1:
                 for g in range(LANES):
                     node[(value + 1) * LANES + g] = r[at[g], i]
-            _outliers_unrolled(H, i, states, node)
+            _outliers_unrolled(H, i, n, node)
             if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
                 for g in range(LANES):
                     log_f[g] -= np.log(node[(kept + 7) * LANES + g])
@@ -225,16 +227,15 @@ def filter_outliers(first, last, states, y, H, own, r, outlier, out, total):
 
 
 @njit(**INSIDE)
-def _outliers_unrolled(H, i, states, node):
-    """A sample of a filter of outliers in all lanes, of as many states as another:
-    unrolled, and in one array, as `sensorid._gain_unrolled` is.
+def _outliers_unrolled(H, i, n, node):
+    """A sample of a filter of outliers of n states in all lanes: unrolled, and in one
+    array, as `sensorid._gain_unrolled` is.
 
     node has rows of LANES: Phi, Q and x (n) of states, P (n x n) and P h (n); value,
     NaN where none is seen, R, and rate and variance of outliers; innovation, 1 / f of
     either kind, least exponent, density over it, share of outliers; the sum of the
     exponents so far and the product of the densities.
     """
-    n = len(states)
     x, P, Ph, value = 2 * n, 3 * n, 3 * n + n * n, 4 * n + n * n
     r, rates, wider, kept = value + 1, value + 2, value + 3, value + 4
     for g in range(LANES):
@@ -318,11 +319,12 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, second, 
     """Groups of `mixtures.mixture_filters` of a level without outliers; a `chain` that
     is not None has pairs of neighbours. Probabilities have samples for lanes.
     """
-    N, M, n, rows = y.shape[1], own.shape[1], len(states), out.shape[2]
+    N, M, n, rows = y.shape[1], own.shape[1], np.int64(len(states)), out.shape[2]
     v = _value_row(n)
     node = np.empty((v + MADE + n * (n + 2)) * LANES)
     told, past = np.empty((rows, STRETCH)), np.empty((LANES, TOLD + 1, STRETCH))
     never, of_kind = np.zeros((4, STRETCH)), (1, 4, STRETCH)
+    one, other = np.int64(0), np.int64(1)    # levels
     score, beyond = np.empty(STRETCH), np.empty(STRETCH)
     for group in range(first, last):
         record, at, number, tell = lanes_of_group(group, LANES, M, out)
@@ -358,24 +360,24 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, second, 
                 for g in range(LANES):
                     node[(5 * n + s) * LANES + g] = H[i, s]
             if chain is not None:
-                _turn(states, (), node)
-            _predict(states, (), chain, node)
-            _observe(states, (), chain, node)
+                _turn(states, one, node)
+            _predict(states, one, chain, node)
+            _observe(n, one, chain, node)
             if chain is not None:
-                _turn(states, (0,), node)
-            _predict(states, (0,), chain, node)
-            _observe(states, (0,), chain, node)
-            _take_path(states, (), (), node)
-            _take_path(states, (), (0,), node)
-            _take_path(states, (0,), (), node)
-            _take_path(states, (0,), (0,), node)
-            _weigh_paths(states, node)
-            _share_levels(states, node)
-            _merge_states(states, (), node)
-            _merge_covariances(states, (), node)
-            _merge_states(states, (0,), node)
-            _merge_covariances(states, (0,), node)
-            _go_on(states, node)
+                _turn(states, other, node)
+            _predict(states, other, chain, node)
+            _observe(n, other, chain, node)
+            _take_path(v, one, one, node)
+            _take_path(v, one, other, node)
+            _take_path(v, other, one, node)
+            _take_path(v, other, other, node)
+            _weigh_paths(v, node)
+            _share_levels(v, node)
+            _merge_states(n, one, node)
+            _merge_covariances(n, one, node)
+            _merge_states(n, other, node)
+            _merge_covariances(n, other, node)
+            _go_on(n, node)
             if i % 8 == 7 or i == N - 1:    # one logarithm for many samples
                 for g in range(LANES):
                     log_f[g] -= np.log(node[(v + PRODUCT) * LANES + g])
@@ -407,7 +409,7 @@ def _lower(n, s, t):
 @njit(**INSIDE)
 def _turn(states, level, node):
     """Phi P of a level of a chain, where the first level will be."""
-    n, P = len(states), 8 * len(states) + len(level) * len(states)**2
+    n, P = len(states), 8 * len(states) + level * len(states)**2
     turned = _value_row(n) + MADE
     for g in range(LANES):
         for s in range(n):
@@ -426,7 +428,7 @@ def _turn(states, level, node):
 @njit(**INSIDE)
 def _predict(states, level, chain, node):
     """Covariance of a level at a sample, Eq. (5), after `_turn` if it is a chain."""
-    n, P = len(states), 8 * len(states) + len(level) * len(states)**2
+    n, P = len(states), 8 * len(states) + level * len(states)**2
     turned = _value_row(n) + MADE
     for g in range(LANES):
         for s in range(n):
@@ -451,13 +453,12 @@ def _predict(states, level, chain, node):
 
 
 @njit(**INSIDE)
-def _observe(states, level, chain, node):
+def _observe(n, level, chain, node):
     """State of a level at a sample, its innovation and the variance of this, Eqs. (6)
     to (8).
     """
-    n, at, v = len(states), len(level), _value_row(len(states))
-    h, x, P, Ph = (5 * n, (6 + at) * n, 8 * n + at * n * n,
-                   (8 + at) * n + 2 * n * n)
+    h, x, P, Ph, v = (5 * n, (6 + level) * n, 8 * n + level * n * n,
+                      (8 + level) * n + 2 * n * n, _value_row(n))
     for g in range(LANES):
         nu, f, before = node[v * LANES + g], node[(v + NOISE) * LANES + g], 0.0
         for s in range(n):
@@ -475,31 +476,30 @@ def _observe(states, level, chain, node):
             node[(Ph + s) * LANES + g], node[(x + s) * LANES + g] = own, new
             f += node[(h + s) * LANES + g] * own
             nu -= node[(h + s) * LANES + g] * new
-        node[(v + NU + at) * LANES + g] = nu if nu == nu else 0.0
-        node[(v + F + at) * LANES + g] = f
+        node[(v + NU + level) * LANES + g] = nu if nu == nu else 0.0
+        node[(v + F + level) * LANES + g] = f
 
 
 @njit(**INSIDE)
-def _take_path(states, to, start, node):
+def _take_path(v, to, start, node):
     """What a path from one level to one makes of a sample."""
-    v, path = _value_row(len(states)), 2 * len(to) + len(start)
+    path = 2 * to + start
     for g in range(LANES):
-        e = (node[(v + NU + len(start)) * LANES + g]
-             - node[(v + OFFSET + len(to)) * LANES + g])
-        per_f = 1.0 / (node[(v + F + len(start)) * LANES + g]
-                       + node[(v + LOUDER + len(to)) * LANES + g])
+        e = (node[(v + NU + start) * LANES + g]
+             - node[(v + OFFSET + to) * LANES + g])
+        per_f = 1.0 / (node[(v + F + start) * LANES + g]
+                       + node[(v + LOUDER + to) * LANES + g])
         node[(v + E + path) * LANES + g] = e
         node[(v + PER_F + path) * LANES + g] = per_f
         node[(v + PRIOR + path) * LANES + g] = (
-            node[(v + WEIGHT + len(start)) * LANES + g]
+            node[(v + WEIGHT + start) * LANES + g]
             * node[(v + CHANCE + path) * LANES + g])
         node[(v + HERE + path) * LANES + g] = 0.5 * per_f * e * e
 
 
 @njit(**INSIDE)
-def _weigh_paths(states, node):
+def _weigh_paths(v, node):
     """Shares of the paths in the density of a sample."""
-    v = _value_row(len(states))
     for g in range(LANES):
         a, b = node[(v + HERE) * LANES + g], node[(v + HERE + 1) * LANES + g]
         c, d = node[(v + HERE + 2) * LANES + g], node[(v + HERE + 3) * LANES + g]
@@ -514,11 +514,10 @@ def _weigh_paths(states, node):
 
 
 @njit(**INSIDE)
-def _share_levels(states, node):
+def _share_levels(v, node):
     """Probabilities of the levels after a sample, and that a path is the one that led
     to its level; where nothing is seen, as before.
     """
-    v = _value_row(len(states))
     for g in range(LANES):
         value = node[v * LANES + g]
         seen = 1.0 if value == value else 0.0
@@ -544,15 +543,15 @@ def _share_levels(states, node):
 
 
 @njit(**INSIDE)
-def _merge_states(states, level, node):
+def _merge_states(n, level, node):
     """The state of a level after a sample, from the two that have led there: of the
     first where it waits for the second. How far they are apart is kept for its
     covariance.
     """
-    n, to, v = len(states), len(level), _value_row(len(states))
+    v = _value_row(n)
     x, Ph, made = 6 * n, 8 * n + 2 * n * n, v + MADE
-    apart, one, other, new_x = made + n + n * n, 2 * to, 2 * to + 1, (
-        7 * n if to else made)
+    apart, one, other, new_x = made + n + n * n, 2 * level, 2 * level + 1, (
+        7 * n if level else made)
     for g in range(LANES):
         gain = (node[(v + SEEN_PER_F + one) * LANES + g]
                 * node[(v + E + one) * LANES + g])
@@ -569,12 +568,12 @@ def _merge_states(states, level, node):
 
 
 @njit(**INSIDE)
-def _merge_covariances(states, level, node):
+def _merge_covariances(n, level, node):
     """The covariance of a level after a sample, one Gaussian for two."""
-    n, to, v = len(states), len(level), _value_row(len(states))
-    P, Ph, made, one, other = (8 * n, 8 * n + 2 * n * n, v + MADE + n, 2 * to,
-                               2 * to + 1)
-    apart, new_P = made + n * n, P + n * n if to else made
+    v = _value_row(n)
+    P, Ph, made, one, other = (8 * n, 8 * n + 2 * n * n, v + MADE + n, 2 * level,
+                               2 * level + 1)
+    apart, new_P = made + n * n, P + n * n if level else made
     for g in range(LANES):
         share = node[(v + SHARE + one) * LANES + g]
         rest = node[(v + SHARE + other) * LANES + g]
@@ -595,9 +594,9 @@ def _merge_covariances(states, level, node):
 
 
 @njit(**INSIDE)
-def _go_on(states, node):
+def _go_on(n, node):
     """Both levels as they are after a sample."""
-    n, made = len(states), _value_row(len(states)) + MADE
+    made = _value_row(n) + MADE
     for g in range(LANES):
         for s in range(n):
             node[(6 * n + s) * LANES + g] = node[(made + s) * LANES + g]
