@@ -186,8 +186,11 @@ def _blocks(one, other):
 def _matrices(*rows):
     """Matrices (1, n, m) of numbers, or (M, 1, n, m) of numbers and columns (M, 1)."""
     shape = np.broadcast_shapes((1,), *(np.shape(v) for row in rows for v in row))
-    return np.stack([np.stack([np.broadcast_to(v, shape) for v in row], -1)
-                     for row in rows], -2)
+    result = np.empty((*shape, len(rows), len(rows[0])))
+    for i, row in enumerate(rows):
+        for j, v in enumerate(row):
+            result[..., i, j] = v
+    return result
 
 
 def _random_walk(scene, filt, sigma_w):

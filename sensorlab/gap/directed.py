@@ -23,6 +23,7 @@ LEAST_NODES = 4           # at a time: for each such part all signatures are lai
 NODES = 32            # of a posterior: its evidence is then good to 0.2 nat
 MAX_ADDED = 3         # signatures whose posteriors give nodes
 RESCUED = 15.0        # nats below the best, by which nodes of its own may lift one
+MOST_GAINED = 2.0     # times what a scan tells, where a finer grid tells more
 UNSEEN = 1e6          # times as uncertain as the surest: no sample shows it
 MOST_NEAR = 4096      # signatures whose sizes are averaged
 SLIGHT = 1e-3         # share of a hypothesis that need not be asked for a size
@@ -95,6 +96,10 @@ def _scored(scene, reference, latest, listed, asked, table, grids):
         bayes = dict(zip(jobs, side_by_side(
             lambda job: family_bayes(scene, listed[job[1] - 1], *solved[job[0]], table,
                                      likely.get((some[job[0]][0], job[1]))), jobs)))
+        finer = _may_matter(bayes, [own.base for own, _ in solved])
+        bayes.update(zip(finer, side_by_side(
+            lambda job: family_bayes(scene, listed[job[1] - 1], *solved[job[0]], table,
+                                     bayes[job][1], finer=True), finer)))
         for at, (number, _) in enumerate(some):
             base = solved[at][0].base
             ll = np.full((len(base), 1 + len(listed)), -np.inf)
@@ -110,6 +115,18 @@ def _scored(scene, reference, latest, listed, asked, table, grids):
     return [_Scored(theta, np.vstack(ll), known, h, latest, past.log_evidence[0])
             for theta, ll, h, past in zip(nodes, found, reference.hypotheses,
                                           latest.samples)]
+
+
+def _may_matter(bayes, base):
+    """Jobs, pairs of a part of the nodes and a family, of which a finer grid may tell
+    more than that they are RESCUED nats below the best; their Bayes factors and
+    `Likely` signatures by job, and log-likelihoods by part.
+    """
+    top = max(map(np.max, [*base, *(base[at] + own for (at, _), (own, _)
+                                    in bayes.items())]))
+    return [(at, k) for (at, k), (own, likely) in bayes.items()
+            if likely and likely.coarse and (base[at] + np.maximum(
+                MOST_GAINED * own, own)).max() > top - RESCUED]
 
 
 def _for_scans(scene, solved):

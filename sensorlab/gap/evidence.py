@@ -19,9 +19,8 @@ from sensorid import (
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.filters import explained, in_parts, parts_at
 from sensorlab.gap.kernels import (
-    KERNEL, LANES, MOST_LANES, drive, groups, in_threads, lanes_for, load,
-    observe_covariance, observe_state, turn, turn_covariance, update_covariance,
-    update_state)
+    KERNEL, LANES, MOST_LANES, drive, groups, in_threads, load, observe_covariance,
+    observe_state, turn, turn_covariance, update_covariance, update_state)
 
 log_sum = np.logaddexp.reduce    # of few: that of SciPy takes twenty times as long
 
@@ -438,8 +437,10 @@ def draw_onsets(y, h, own, pair, early, late, u, least, most):
     all constants, h (n,) observes the states.
     """
     onset, density = np.zeros((2, len(u)))
+    # as many on any machine, since gains are kept once those of all lanes have settled;
     # what a law needs is as long as the record
-    lanes = lanes_for(len(u), LANES if len(y) > LONG_RECORD else MOST_LANES)
+    lanes = LANES if len(y) > LONG_RECORD else min(
+        MOST_LANES, LANES * groups(len(u), LANES))
     in_threads(_draw_onset_groups, groups(len(u), lanes), lanes, y, h, own, pair, early,
                late, u, least, most, onset, density)
     return onset, density

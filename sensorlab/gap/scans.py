@@ -238,23 +238,42 @@ class Likely(NamedTuple):
     k: int                   # columns
     rest: float              # ln of the mean Bayes factor over the sum of theirs
     grid: object = None      # `Grid` where they are resolved
+    coarse: object = None    # `_Scanned`, if a finer grid may tell more
 
     __repr__ = brief
 
 
-def family_bayes(scene, family, solved, one, table, likely=None):
+class _Scanned(NamedTuple):
+    """What a scan tells of those signatures of a family that have the largest gains."""
+
+    gain: np.ndarray         # (m,)
+    log_share: np.ndarray    # (m,) as in `Scan`
+    psi: np.ndarray          # (m,) or (m, d)
+    variant: np.ndarray      # (m,)
+    k: int                   # columns
+    beyond: np.ndarray       # (.,) ln of sums of the Bayes factors of all others
+    count: int               # of all signatures
+
+
+def family_bayes(scene, family, solved, one, table, likely=None, finer=False):
     """ln of the mean Bayes factor over all signatures of a family, (M,), and the
     `Likely` ones.
 
     Where there are thousands, a scan at `one` of the nodes, the likeliest, tells which
-    matter; or one of other nodes of the hypothesis did. At all nodes these alone are
-    computed: the sum over all is scaled by the same ratio.
+    matter; or one of other nodes of the hypothesis did, which may be made `finer`. At
+    all nodes these alone are computed: the sum over all is scaled by the same ratio.
     """
     if family.psi is not None:
         return _bayes_of_list(scene, family, solved, one, table), None
-    count = 0
-    if not likely:
-        likely, told, beyond, count = _scanned(scene, family, one, table)
+    scanned, grid, coarse = None, None, None
+    if finer:
+        scanned, grid = _finer(scene, family, one, table, likely.coarse)
+    elif not likely:
+        scanned = _scanned(scene, family, one, table)
+        coarse = scanned if _may_be_finer(family, scanned, table) else None
+    if scanned:
+        likely, told, beyond = _likely(scanned, table)
+        likely = likely._replace(grid=grid, coarse=coarse)
     exact = np.empty((len(solved.base), len(likely.psi)))
     for name in np.unique(likely.variant):
         own = likely.variant == name
@@ -262,12 +281,12 @@ def family_bayes(scene, family, solved, one, table, likely=None):
             scene, family._replace(variant=str(name)), solved,
             likely.psi[own].tolist()).gain
     worth = _log_sum(np.maximum(exact + 2.0 * likely.log_share, 0.0), table[likely.k])
-    if count:
+    if scanned:
         there = worth[int(solved.base.argmax())]
         # a scan that says too much of these does so of the others
         beyond += min(there - told, 0.0)
         likely = likely._replace(rest=np.logaddexp.reduce(
-            [there, *beyond]) - np.log(count) - there)
+            [there, *beyond]) - np.log(scanned.count) - there)
     return worth + likely.rest, likely
 
 
@@ -287,38 +306,61 @@ def _bayes_of_list(scene, family, solved, one, table):
 
 
 def _scanned(scene, family, one, table):
-    """`Likely` signatures, their rest not known yet; ln of the sum of their Bayes
-    factors as the scan has them, and of sums of those of all others, and how many there
-    are in all. Waves that are worth more than nothing, and sinusoids that are sharp,
-    are resolved.
-    """
-    found, beyond, count, grid = [], [], 0, None
-
-    def add(part):
-        likely, share = _largest(part.gain, 2 * LIKELY), np.broadcast_to(
-            part.log_share, part.gain.shape)
-        found.append((part.gain[likely], share[likely], *part.of(likely)))
-        beyond.append(_log_sum(np.delete(part.gain, likely)[None], table[part.k]))
+    """`_Scanned` of a family at one node."""
+    found, beyond, count = [], [], 0
     for part in SCANS[family.effect.search](scene, family, one):
-        add(part)
+        found.append(_top(part))
+        beyond.append(_without_top(part, table))
         count += len(part.gain)
-    gain, share, psi, variant = map(np.concatenate, zip(*found))
-    peak = gain - 2.0 * share
-    best = peak.argmax()
-    least, in_cells = IN_CELLS.get(family.effect.search, (np.inf, None))
-    if peak[best] > least and mean_bayes(
-            peak[None, best:best + 1], table[part.k]) > np.log(count):
-        part, grid = in_cells(scene, family, one, psi[best])
-        own, _ = part.of(np.arange(len(part.gain)))
-        away = ((psi < own.min(0)) | (psi > own.max(0))).reshape(len(psi), -1).any(1)
-        found[:] = [tuple(each[away] for each in (gain, share, psi, variant))]
-        add(part)
-        gain, share, psi, variant = map(np.concatenate, zip(*found))
-    likely = _largest(gain, 2 * LIKELY if share.any() else LIKELY)
-    beyond.append(_log_sum(np.delete(gain, likely)[None], table[part.k]))
-    (told,) = _log_sum(gain[None, likely], table[part.k])
-    return Likely(psi[likely], variant[likely], share[likely], part.k, np.nan, grid), (
-        told), np.concatenate(beyond), count
+    return _Scanned(*map(np.concatenate, zip(*found)), part.k, np.concatenate(beyond),
+                    count)
+
+
+def _top(scan):
+    """Those of a scan with the largest gains: gains, shares, psi and variants."""
+    top = _largest(scan.gain, 2 * LIKELY)
+    return scan.gain[top], np.broadcast_to(scan.log_share, scan.gain.shape)[top], *(
+        scan.of(top))
+
+
+def _without_top(scan, table):
+    """ln of the sum (1,) of the Bayes factors of all others."""
+    return _log_sum(np.delete(scan.gain, _largest(scan.gain, 2 * LIKELY))[None],
+                    table[scan.k])
+
+
+def _may_be_finer(family, scanned, table):
+    """Would a grid tell more: are there waves that are worth more than nothing, or a
+    sinusoid that is sharp?
+    """
+    least, _ = IN_CELLS.get(family.effect.search, (np.inf, None))
+    peak = (scanned.gain - 2.0 * scanned.log_share).max()
+    return peak > least and mean_bayes(
+        np.full((1, 1), peak), table[scanned.k])[0] > np.log(scanned.count)
+
+
+def _finer(scene, family, one, table, scanned):
+    """`_Scanned` with a grid about the best in its place, and that `Grid`, if any."""
+    best = (scanned.gain - 2.0 * scanned.log_share).argmax()
+    part, grid = IN_CELLS[family.effect.search][1](scene, family, one,
+                                                   scanned.psi[best])
+    own, _ = part.of(np.arange(len(part.gain)))
+    psi = scanned.psi
+    away = ((psi < own.min(0)) | (psi > own.max(0))).reshape(len(psi), -1).any(1)
+    both = zip((each[away] for each in scanned[:4]), _top(part))
+    return _Scanned(*map(np.concatenate, both), scanned.k, np.append(
+        scanned.beyond, _without_top(part, table)), scanned.count), grid
+
+
+def _likely(scanned, table):
+    """`Likely` signatures, their rest not known yet; ln of the sum of their Bayes
+    factors as the scan has them, and of sums of those of all others.
+    """
+    gain, share, psi, variant, k, beyond, _ = scanned
+    some = _largest(gain, 2 * LIKELY if share.any() else LIKELY)
+    beyond = np.append(beyond, _log_sum(np.delete(gain, some)[None], table[k]))
+    (told,) = _log_sum(gain[None, some], table[k])
+    return Likely(psi[some], variant[some], share[some], k, np.nan), told, beyond
 
 
 def _largest(gain, count):
