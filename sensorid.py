@@ -2307,10 +2307,12 @@ def _drawn(share, centre, root, count):
     own = np.searchsorted(np.cumsum(share)[:-1], u[:, d])
     t = ndtri(u[:, :d]) * np.sqrt(FREEDOM / chdtri(FREEDOM, u[:, d + 1:d + 2]))
     x = centre[own] + np.einsum("iab,ib->ia", root[own], t)
-    density, power = np.zeros(count), 0.5 * (FREEDOM + d)
-    for one, at, R in zip(share, centre, np.linalg.inv(root)):
-        square = (((x - at) @ R.T)**2).sum(1)
-        density += one * np.linalg.det(R) * (1.0 + square / FREEDOM)**-power
+    density, power, inverse = np.zeros(count), 0.5 * (FREEDOM + d), np.linalg.inv(root)
+    columns = np.ascontiguousarray(x.T)
+    for one, at, R in zip(share * np.linalg.det(inverse), centre, inverse):
+        z = R @ columns - (R @ at)[:, None]
+        square = np.einsum("ai,ai->i", z, z)    # exp and log are faster than a power
+        density += one * np.exp(-power * np.log1p(square / FREEDOM))
     return (x, np.log(density) + gammaln(power) - gammaln(0.5 * FREEDOM)
             - 0.5 * d * np.log(FREEDOM * np.pi), ndtri(u[:, d + 2]))
 

@@ -53,6 +53,20 @@ def test_nodes_of_two_posteriors_give_the_evidence(level):    # moves the poster
         assert_allclose(sample.log_evidence[far], alone[far], rtol=1e-12)
 
 
+@pytest.mark.parametrize("size", [0.0, 3.0])    # of a step beside waves
+def test_waves_are_resolved_where_that_may_matter(size):
+    t = np.arange(600.0)
+    y = sensorid.simulate(WHITE_OF_A_RANGE, DT, 600, seed=4).error[0] + size * (
+        t > 200.0) + 4.0 * (t > 300.0) * np.exp((300.0 - t) / 20.0) * np.sin(0.5 * t)
+    scene, grids = Scene(y, DT, {}), {}
+    listed = signatures.families(scene, [CATALOGUE["bias_step"], CATALOGUE["ringing"]])
+    reference = account(scene, [member(scene, WHITE_OF_A_RANGE[0])])
+    (sample,) = directed.directed(scene, reference, listed, grids=grids)
+    none, step, waves = sample.log_evidence
+    assert waves > none + 3.0 and (step > waves + directed.RESCUED) == (size > 0.0)
+    assert (2 in grids) == (size == 0.0)
+
+
 def test_few_nodes_at_a_time_give_the_same_evidence(monkeypatch):
     scene = scene_of(generator.record(7, 1, ["sinusoid"], level=2))
     h = member(scene, MODEL[1])
