@@ -53,11 +53,11 @@ def test_nodes_of_two_posteriors_give_the_evidence(level):    # moves the poster
         assert_allclose(sample.log_evidence[far], alone[far], rtol=1e-12)
 
 
-@pytest.mark.parametrize("size", [0.0, 3.0])    # of a step beside waves
+@pytest.mark.parametrize("size", [0.0, 8.0])    # of a step beside waves
 def test_waves_are_resolved_where_that_may_matter(size):
     t = np.arange(600.0)
     y = sensorid.simulate(WHITE_OF_A_RANGE, DT, 600, seed=4).error[0] + size * (
-        t > 200.0) + 4.0 * (t > 300.0) * np.exp((300.0 - t) / 20.0) * np.sin(0.5 * t)
+        t > 200.0) + 8.0 * (t > 300.0) * np.exp((300.0 - t) / 20.0) * np.sin(0.5 * t)
     scene, grids = Scene(y, DT, {}), {}
     listed = signatures.families(scene, [CATALOGUE["bias_step"], CATALOGUE["ringing"]])
     reference = account(scene, [member(scene, WHITE_OF_A_RANGE[0])])
