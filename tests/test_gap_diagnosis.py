@@ -143,6 +143,16 @@ def test_a_scale_factor_that_depends_on_temperature_is_unknown():
     assert d.after.p_place["covariate"] < 1e-4
 
 
+@pytest.mark.parametrize("count, size", [
+    (20, 1.0), large(8, 0.8), large(40, 0.6), large(5, 1.0)])
+def test_steps_that_noise_hides_at_first_are_no_telegraph_on_a_walk(count, size):
+    rng = np.random.default_rng(8)
+    y = rng.standard_normal(4000)
+    for onset in 200 + rng.choice(3600, count, replace=False):
+        y[onset:] += size * rng.choice([-1.0, 1.0]) * rng.uniform(0.8, 1.5)
+    assert sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE).verdict == "random_steps"
+
+
 @pytest.mark.large
 @pytest.mark.parametrize("dwell, sigma", [(300.0, 4.0), (60.0, 3.0)])
 def test_a_level_that_steps_at_random_is_named(dwell, sigma):

@@ -196,6 +196,20 @@ def test_a_screen_knows_no_other_effect():
     assert np.isnan(screens.screened(CATALOGUE["bandwidth"], scene, scene.y, 1.0))
 
 
+@pytest.mark.parametrize("dwell, size, expected", [
+    (450, 0.8, (6, 14)),    # small ones are seen after a while
+    (1000, 0.8, (1, 3)), (3900, 0.0, (0, 0)),
+    (40, 4.0, (50, 150))])    # others before the last one is long ago
+def test_steps_are_counted_soon_or_not_so_soon_after_each(dwell, size, expected):
+    rng = np.random.default_rng(3)
+    at = np.arange(4000) // dwell
+    sign = rng.choice([-1.0, 1.0], at.max() + 1)
+    y = rng.standard_normal(4000) + size * np.cumsum(sign)[at]
+    scene = Scene(y, DT, {})
+    new = account(scene, [member(scene, WHITE_OF_A_RANGE[0], "random_steps")])
+    assert expected[0] <= causes._steps(new, scene) <= expected[1]
+
+
 def test_what_was_only_told_is_fitted_before_it_is_named(monkeypatch):
     def told(*where, own=causes._told_by_screens):
         much = dict(outliers=30.0, noise_bursts=28.0)

@@ -979,6 +979,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="correlated noise",
            experiment="average less white noise away: two levels show in a histogram"),
     Effect("random_steps", jumps=_random_steps, model=_level, elementwise=True,
+           becomes="random_walk",    # as nearly, of many small steps
            parameters=lambda s: (
                _log("dwell", MIN_REST * s.dt, s.duration / MIN_STEPS),
                _log("sigma", 0.3 * s.white, 3.0 * _spread(s))),

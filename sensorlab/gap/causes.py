@@ -26,6 +26,7 @@ from sensorlab.gap.screens import (
     usual_variance)
 from sensorlab.gap.signatures import families
 from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
+from sensorlab.gap.steps import RECENT
 
 UNKNOWN = Effect("unknown")    # something that is in no catalogue
 
@@ -438,18 +439,23 @@ def _told_by_spectra(richer, scene, acc):
 
 
 FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
-SURE_STEP = 0.9     # probability, soon after it
+SURE_STEP = 0.9     # probability of a step that, for all else, is hardly to be expected
 ONE_STEP = 16       # samples, in which one may seem to be several
 
 
 def _steps(acc, scene):
-    """How many steps of a level that moves at random a record surely shows, each soon
-    after: of fewer no more is known than of a random walk, or each has a time of its
-    own.
+    """How many steps of a level that moves at random a record surely shows: of fewer no
+    more is known than of a random walk, or each has a time of its own.
+
+    Wherever there surely was one a short while ago, there was one, or as many as there
+    should be in such a time.
     """
-    sure = np.flatnonzero(predict(acc.member, scene, acc.signatures, acc.theta[None]
-                                  ).second[0, 0] > SURE_STEP)
-    return np.sum(np.diff(sure, prepend=-np.inf) > ONE_STEP)
+    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
+    begin = acc.member.jumps(acc.theta[None]).begin[0]
+    none = (1.0 - SURE_STEP) * (1.0 - begin)**RECENT
+    sure = np.flatnonzero(1.0 - seen.second[0, 0] < none)
+    apart = np.flatnonzero(np.diff(sure, prepend=-np.inf) > ONE_STEP)
+    return np.maximum(begin * np.diff(apart, append=len(sure)), 1.0).sum()
 
 
 def _rests_on_rounding(acc, scene):

@@ -20,7 +20,7 @@ from sensorlab.gap.unrolled import (
     weigh_kinds, weigh_updates)
 
 OLD = 6            # the oldest age; a younger one, k, has the steps of some 2^k samples
-RECENT = 4         # of these ages: steps up to some 15 samples ago
+RECENT = 2**OLD    # samples since a step, about, until it has that age
 LEAST_SHARE = 1e-12    # of an age: what comes to it must be more than rounding
 
 
@@ -50,7 +50,7 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, 
         here, wild, less, power, gain, shrink = (
             np.empty(of_age), np.zeros(of_age), np.empty(of_age), np.empty(of_age),
             np.empty(of_age), np.empty(of_age))
-        bits, prior, old = power.view(np.int64), np.empty(by_age), np.zeros(lanes)
+        bits, prior = power.view(np.int64), np.empty(by_age)
         weight = np.full(by_age, LEAST_SHARE)
         weight[-1] = 1.0
         value, seen, mass, least, log_f, product = (
@@ -127,11 +127,7 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, 
             if tell:
                 probabilities_beside(rate_of, prior, per_f_of, nu_of, less, power, told)
             if tell and rows > 2:
-                for g in range(tell):
-                    old[g] = 0.0
-                    for age in range(RECENT, ages):
-                        old[g] += weight[age, g]
-                odd_and_log_score(here_of, wild_of, mass, least, old, told)
+                odd_and_log_score(here_of, wild_of, mass, least, weight[OLD], told)
             for g in range(tell):
                 for row in range(rows if seen[g] > 0.0 else 0):
                     out[record[g], node[g], row, i] = told[row, g]
