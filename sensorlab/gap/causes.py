@@ -439,7 +439,7 @@ def _told_by_spectra(richer, scene, acc):
 
 
 FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
-SURE_STEP = 0.9     # probability of a step that, for all else, is hardly to be expected
+SURE_STEP = 0.9     # probability of a step where none was to be expected
 ONE_STEP = 16       # samples, in which one may seem to be several
 
 
