@@ -1365,14 +1365,10 @@ def _gain_unrolled(seen, states, chain, node):
 @njit(nogil=True, **JIT)
 def _gains_unrolled(observed, last_gap, states, chain, nodes, P, gain, weight, log_det):
     """`_gains_abreast` by `_gain_unrolled`: nodes (parts, rows of PART)."""
-    n, past = len(states), np.empty_like(P)
+    n = len(states)
     for begin in range(0, len(observed), STRETCH):
         end = min(begin + STRETCH, len(observed))
-        # not past[:] = P: its message, if it failed, takes longer to compile than this
-        for row in range(n):
-            for s in range(n):
-                for g in range(P.shape[2]):
-                    past[row, s, g] = P[row, s, g]
+        past = P.copy()    # past[:] = P has a message, which takes long to compile
         for part in range(len(nodes)):
             node, first = nodes[part], part * PART
             for i in range(begin, end):

@@ -92,14 +92,15 @@ def _scored(scene, reference, latest, listed, asked, table, grids):
         solved = side_by_side(lambda part: _for_scans(scene, solve(
             reference.hypotheses[part[0]], scene, reference.signatures, part[1],
             low_pass)), some)
-        jobs = list(itertools.product(range(len(some)), order))
-        bayes = dict(zip(jobs, side_by_side(
-            lambda job: family_bayes(scene, listed[job[1] - 1], *solved[job[0]], table,
-                                     likely.get((some[job[0]][0], job[1]))), jobs)))
-        finer = _may_matter(bayes, [own.base for own, _ in solved])
-        bayes.update(zip(finer, side_by_side(
-            lambda job: family_bayes(scene, listed[job[1] - 1], *solved[job[0]], table,
-                                     bayes[job][1], finer=True), finer)))
+
+        def told(jobs, known, finer=False):
+            return dict(zip(jobs, side_by_side(
+                lambda job: family_bayes(scene, listed[job[1] - 1], *solved[job[0]],
+                                         table, known(*job), finer), jobs)))
+        bayes = told(list(itertools.product(range(len(some)), order)),
+                     lambda at, k: likely.get((some[at][0], k)))
+        bayes |= told(_may_matter(bayes, [own.base for own, _ in solved]),
+                      lambda at, k: bayes[at, k][1], finer=True)
         for at, (number, _) in enumerate(some):
             base = solved[at][0].base
             ll = np.full((len(base), 1 + len(listed)), -np.inf)

@@ -309,24 +309,22 @@ def _scanned(scene, family, one, table):
     """`_Scanned` of a family at one node."""
     found, beyond, count = [], [], 0
     for part in SCANS[family.effect.search](scene, family, one):
-        found.append(_top(part))
-        beyond.append(_without_top(part, table))
+        top, others = _parted(part, table)
+        found.append(top)
+        beyond.append(others)
         count += len(part.gain)
     return _Scanned(*map(np.concatenate, zip(*found)), part.k, np.concatenate(beyond),
                     count)
 
 
-def _top(scan):
-    """Those of a scan with the largest gains: gains, shares, psi and variants."""
+def _parted(scan, table):
+    """Gains, shares, psi and variants of those of a scan with the largest gains, and
+    ln of the sum (1,) of the Bayes factors of all others.
+    """
     top = _largest(scan.gain, 2 * LIKELY)
-    return scan.gain[top], np.broadcast_to(scan.log_share, scan.gain.shape)[top], *(
-        scan.of(top))
-
-
-def _without_top(scan, table):
-    """ln of the sum (1,) of the Bayes factors of all others."""
-    return _log_sum(np.delete(scan.gain, _largest(scan.gain, 2 * LIKELY))[None],
-                    table[scan.k])
+    share = np.broadcast_to(scan.log_share, scan.gain.shape)[top]
+    return (scan.gain[top], share, *scan.of(top)), _log_sum(
+        np.delete(scan.gain, top)[None], table[scan.k])
 
 
 def _may_be_finer(family, scanned, table):
@@ -345,11 +343,11 @@ def _finer(scene, family, one, table, scanned):
     part, grid = IN_CELLS[family.effect.search][1](scene, family, one,
                                                    scanned.psi[best])
     own, _ = part.of(np.arange(len(part.gain)))
-    psi = scanned.psi
+    psi, (top, others) = scanned.psi, _parted(part, table)
     away = ((psi < own.min(0)) | (psi > own.max(0))).reshape(len(psi), -1).any(1)
-    both = zip((each[away] for each in scanned[:4]), _top(part))
+    both = zip((each[away] for each in scanned[:4]), top)
     return _Scanned(*map(np.concatenate, both), scanned.k, np.append(
-        scanned.beyond, _without_top(part, table)), scanned.count), grid
+        scanned.beyond, others), scanned.count), grid
 
 
 def _likely(scanned, table):
