@@ -153,6 +153,25 @@ def test_steps_that_noise_hides_at_first_are_no_telegraph_on_a_walk(count, size)
     assert sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE).verdict == "random_steps"
 
 
+@pytest.mark.parametrize("seed", [905, large(900), large(901), large(904), large(906)])
+def test_three_steps_of_either_sign_have_a_time_each(seed):
+    """A pulse, a telegraph on a walk, or steps at random tell more than the first."""
+    rng = np.random.default_rng(seed)
+    y = rng.standard_normal(4000)
+    for onset in rng.choice(3600, 3, replace=False) + 200:
+        y[onset:] += rng.choice([-1.0, 1.0]) * rng.uniform(2.0, 4.0)
+    assert sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE).verdict.split("+") == 3 * [
+        "bias_step"]
+
+
+def test_one_step_is_none_at_random():
+    rng = np.random.default_rng(4)
+    y = rng.standard_normal(4000) + 3.0 * (np.arange(4000) > 1300)
+    alone = [sensorlab.CATALOGUE["random_steps"]]
+    d = sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE, effects=alone)
+    assert d.verdict == "unknown"
+
+
 @pytest.mark.large
 @pytest.mark.parametrize("dwell, sigma", [(300.0, 4.0), (60.0, 3.0)])
 def test_a_level_that_steps_at_random_is_named(dwell, sigma):

@@ -67,3 +67,40 @@ def test_what_may_as_well_stand_there_counts_with_its_odds(monkeypatch):
     assert chance == pytest.approx({
         "temperature+bias_step": 0.8, "temperature+bias_step+pulse": 0.1,
         "bias_step+thermal_lag": 0.4, "bias_step": 0.8 / 6.0})
+
+
+def searched(log_bayes, *leaves):
+    """A search that has found the first of its leaves, of that ln B."""
+    return search.Search(None, {}, leaves[0]._replace(log_bayes=log_bayes), {
+        one.effect: one for one in leaves}, None, 0.0)
+
+
+def test_of_two_searches_the_better_is_taken_and_the_sets_of_both_share():
+    """A step costs as much as any effect, one more as much as that there is any."""
+    jumps = searched(50.0, cause("random_telegraph", "random_walk", probability=0.3),
+                     cause("random_telegraph", probability=0.3))
+    steps = searched(50.0, cause("bias_step", "bias_step", probability=0.9),
+                     cause("random_walk", "random_telegraph", probability=0.1))
+    odds = 10 / 3.0
+    for pair in ((jumps, steps), (steps, jumps)):
+        best = search._of_both(*pair, 10)
+        assert best.path is steps.path
+        assert {name: one.probability for name, one in best.leaves.items()
+                } == pytest.approx({
+                    "bias_step+bias_step": 0.9 * odds / (1.0 + odds),
+                    "random_telegraph": 0.5 / (1.0 + odds),
+                    "random_walk+random_telegraph": (0.1 * odds + 0.5) / (1.0 + odds)})
+
+
+def test_few_steps_are_sought_alone_where_steps_are_in_the_catalogue():
+    few = searched(50.0, cause("random_walk"))._replace(few_steps=True)
+    asked = []
+
+    def again(effects, *start, among=1):
+        asked.append(([one.name for one in effects], among))
+        return searched(60.0, cause("bias_step"))._replace(
+            after=types.SimpleNamespace(p_value=0.5))
+    effects = [EFFECTS[name] for name in ("bias_step", "noise_step", "random_walk")]
+    found = search.beside_steps(None, few, again, effects)
+    assert found.path.effects == ("bias_step",) and asked == [(["bias_step"], 3)]
+    assert search.beside_steps(None, few, again, effects[1:]) is few

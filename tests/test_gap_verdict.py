@@ -49,6 +49,16 @@ def test_two_that_take_each_others_place_are_both_named():
     assert verdict(**rivals, temperature=0.33) == "temperature"
 
 
+def test_of_several_of_one_name_as_many_are_named_as_are_probable():
+    """A third step may be a gradual one."""
+    assert verdict(bias_step_and_bias_step_and_gradual_step=0.45,
+                   bias_step_and_bias_step_and_bias_step=0.35,
+                   bias_step_and_bias_step_and_pulse=0.2
+                   ) == "bias_step+bias_step+gradual_step or bias_step"
+    assert verdict(sinusoid_and_sinusoid=0.4, sinusoid_and_sinusoid_and_sinusoid=0.3,
+                   none=0.3) == "sinusoid+sinusoid"
+
+
 def test_what_is_left_stands_beside_what_is_found():
     assert verdict(sinusoid_and_unknown=0.9, sinusoid=0.1) == "sinusoid+unknown"
     assert verdict(unknown=0.3, sinusoid_and_unknown=0.4, sinusoid=0.3

@@ -84,6 +84,7 @@ class Further(NamedTuple):
     causes: tuple      # of Cause, most probable first, none among them
     account: Account   # with the most probable effect in it; None where it is none
     prior: float       # log odds of any one further effect, a priori
+    few_steps: bool = False    # are steps at random the best, but few?
 
     __repr__ = brief
 
@@ -113,12 +114,13 @@ NO_OTHER = "", 0.0     # of which ln B is known
 
 
 def further_causes(scene, acc, effects, processes=True, by_chance=None,
-                   known=NO_OTHER):
+                   known=NO_OTHER, among=1):
     """`Further`: probability of every further effect, Eq. (10), and the best account.
 
     Without `processes`, for signatures, jumps and changes. `by_chance` gives ln B that
     an effect has where it is not, if that may be more than nothing; `known` is the name
-    of an effect of which ln B is known, and that.
+    of an effect of which ln B is known, and that. Each is as likely as one `among` so
+    many, a priori, if there are fewer here.
     """
     inside, plain, reference, listed, samples, grids, rivals = _sought(
         scene, acc, effects, processes, known)
@@ -130,7 +132,7 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
     signatures = _Estimated(estimated)
     weighed, chosen = _with_best(inside, plain, reference, rivals, signatures,
                                  _Estimated(lambda number: estimated(number, 1)),
-                                 by_chance)
+                                 by_chance, among)
     prior, alone, share, groups = weighed
     error = _errors(alone, share, groups, np.array([
         _error(rival, acc, samples) for rival in rivals]))
@@ -149,7 +151,8 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
         causes.append(Cause((one._replace(column=column),), float(probability),
                             float(rival.log_bayes), off))
     causes.sort(key=lambda c: -c.probability)
-    return Further(tuple(causes), chosen, prior)
+    return Further(tuple(causes), chosen, prior, inside.few_steps > 0.0 and (
+        inside.few_steps >= max((one.log_bayes for one in rivals), default=0.0)))
 
 
 class _Estimated(dict):
@@ -259,6 +262,7 @@ class _Inside(_Where):
     """Where effects inside the filter are sought."""
 
     __repr__ = brief
+    few_steps = 0.0    # ln B of steps at random, where a record shows few
 
     @functools.cached_property    # of several effects
     def spectra(self):
@@ -315,11 +319,15 @@ class _Inside(_Where):
                 continue
             new = account(scene, self.acc.bases, richer, self.acc.signatures,
                           self.acc.readings, start, _floor(start, best))
-            if new.member.steps and _steps(new, scene) < FEWEST_STEPS or (
-                    _rests_on_rounding(new, scene)):
+            if _rests_on_rounding(new, scene):
                 continue
-            best = max(best, _log_bayes(new, start))
-            result.append(_Rival(effect, "", _log_bayes(new, start), account=new,
+            here, steps = _log_bayes(new, start), _steps(new, scene)
+            if steps < MANY_STEPS:
+                self.few_steps = here
+            if steps < FEWEST_STEPS:
+                continue
+            best = max(best, here)
+            result.append(_Rival(effect, "", here, account=new,
                                  values=_values(new.member.effects[-1], new),
                                  variant=variant))
         return result
@@ -438,18 +446,22 @@ def _told_by_spectra(richer, scene, acc):
     return mean_evidence(side_by_side(of, range(len(richer)))) - acc.log_evidence
 
 
-FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each
+FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each, ...
+MANY_STEPS = 8      # ... so many have none
 SURE_STEP = 0.9     # probability of a step where none was to be expected
 ONE_STEP = 16       # samples, in which one may seem to be several
 
 
 def _steps(acc, scene):
     """How many steps of a level that moves at random a record surely shows: of fewer no
-    more is known than of a random walk, or each has a time of its own.
+    more is known than of a random walk, or each has a time of its own; infinite if
+    there is no such level.
 
     Wherever there surely was one a short while ago, there was one, or as many as there
     should be in such a time.
     """
+    if not acc.member.steps:
+        return np.inf
     seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     begin = acc.member.jumps(acc.theta[None]).begin[0]
     none = (1.0 - SURE_STEP) * (1.0 - begin)**RECENT
@@ -515,12 +527,14 @@ def _values(own, acc):
     return result
 
 
-def _probabilities(acc, rivals):
-    """Prior log odds of a rival on average; probability of none, of every rival."""
+def _probabilities(acc, rivals, among=1):
+    """Prior log odds of a rival on average, `among` so many at least; probability of
+    none, of every rival.
+    """
     first = not (acc.signatures or acc.readings or len(acc.member.effects) > len(
         acc.bases[acc.best].effects))
     alone = PRIOR_NONE if first else PRIOR_LAST
-    prior = np.log((1.0 - alone) / alone / max(len(rivals), 1))
+    prior = np.log((1.0 - alone) / alone / max(len(rivals), among))
     weight, number = np.ones(len(rivals)), {
         rival.effect.name: k for k, rival in enumerate(rivals)}
     for k, rival in enumerate(rivals):
@@ -580,15 +594,16 @@ class _Weighed(NamedTuple):
         return max(self.groups, key=lambda own: self.share[own].sum())[0]
 
 
-def _with_best(inside, plain, reference, rivals, signatures, glimpsed, by_chance):
+def _with_best(inside, plain, reference, rivals, signatures, glimpsed, by_chance,
+               among):
     """`_Weighed` of the rivals, and the account with the best in it, or None where none
     is as probable. What proves to be worth less or more on the way is so among the
     rivals, too.
 
     The `signatures` of families, by number, were sought in the scene `plain`, of which
     `reference` is the account; where jumps see one elsewhere, it is moved. To weigh
-    them beside jumps, those `glimpsed` at one node will do. `by_chance` as for
-    `further_causes`.
+    them beside jumps, those `glimpsed` at one node will do. `by_chance` and `among` as
+    for `further_causes`.
     """
     scene, acc, known = inside.scene, inside.acc, {}
 
@@ -617,7 +632,7 @@ def _with_best(inside, plain, reference, rivals, signatures, glimpsed, by_chance
     if plain is not scene:
         _seen_by_jumps(rivals, account_with)
     while True:
-        prior, alone, share = _probabilities(acc, rivals)
+        prior, alone, share = _probabilities(acc, rivals, among)
         weighed = _Weighed(prior, alone, share, _grouped(rivals, share))
         if alone >= 0.5:
             return weighed, None

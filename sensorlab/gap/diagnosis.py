@@ -3,6 +3,7 @@ that effect closes the gap.
 """
 
 import functools
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -161,8 +162,8 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         return _described(full, done, before, measured)
 
     def sought(acc, path, effects):
-        again = functools.partial(search, full, acc, path, before=before,
-                                  glanced=glanced, twins=own)
+        def again(some, acc=acc, path=path, among=1):
+            return search(full, acc, path, some, before, glanced, own, among)
         return beside_steps(full, again(effects), again, effects)
     by = described(sought(start, found, effects))
     if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it
@@ -175,9 +176,9 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         verdict = verdict_of(causes)
         if names_all(verdict, by.found):
             break
-        names = set(names_in(verdict))
+        names, have = names_in(verdict), ["unknown", *(one.name for one in by.found)]
         named = narrowed(full, whole.search, names, glanced)
-        if not names <= {"unknown", *(one.name for one in by.found)}:
+        if Counter(names) - Counter(have):
             # a rival of what is named was the first
             begun = (named.account, named.path) if len(named.path.found) > len(
                 found.found) else (start, found)

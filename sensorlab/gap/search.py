@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import brief
+from sensorid import brief, probabilities
 from sensorlab.gap.account import Account, account, as_simulated, in_place
 from sensorlab.gap.causes import (
-    Cause, further_causes, in_best_forms, largest_bayes, pushes, search_cost, without)
+    PRIOR_LAST, Cause, further_causes, in_best_forms, largest_bayes, pushes,
+    search_cost, without)
 from sensorlab.gap.costs import heard_by, say
 from sensorlab.gap.distance import Gap
 from sensorlab.gap.effects import simulate_effects
@@ -40,21 +41,22 @@ class Search(NamedTuple):
     leaves: dict      # name of a set of effects -> Cause: where the search could stop
     after: Gap
     left: float       # ln B of the best that is not added; 0 if nothing is for it
+    few_steps: bool = False    # were steps at random once the best, but few?
 
     __repr__ = brief
 
 
-def search(full, start, readings, effects, before, glanced, twins=None):
+def search(full, start, readings, effects, before, glanced, twins=None, among=1):
     """`Search` from an account with the readings of a record on, which are a `Cause`,
     until nothing more is found.
 
     `glanced` gives the `Gap` to an account, quicker beside that to a like one;
     An effect that the simulator's own records have, too, its `Twins` if they are known,
-    is described, but nothing that is missing.
+    is described, but nothing that is missing. `among` as for `further_causes`.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
-    noises, doubtful, exchanges, left, settled = 0, 0, 0, 0.0, 1
+    noises, doubtful, exchanges, left, settled, few = 0, 0, 0, 0.0, 1, False
     leaves, after, lesser = {}, before, {}
     if path.found:
         after = glanced(acc)
@@ -65,10 +67,12 @@ def search(full, start, readings, effects, before, glanced, twins=None):
         # that are at an end of their range in its place; jumps and changes may not
         look = further_causes(scene, acc, effects, not path.found or
                               after.p_value < LOOK_ON or pushes(acc),
-                              _by_rounding(full, acc, after.theta) if coarse else None)
+                              _by_rounding(full, acc, after.theta) if coarse else None,
+                              among=among)
         if look.account is not None and not coarse:
             look = _or_a_pair(scene, acc, look, effects, functools.partial(
                 _describes, glanced, look.account, after))
+        few |= look.few_steps
         found = [c for c in look.causes if c.found]
         left, known = max([0.0, *(c.log_bayes for c in found)]), None
         if twins and look.account is not None and len(found[0].found) == 1:
@@ -83,7 +87,7 @@ def search(full, start, readings, effects, before, glanced, twins=None):
             if better:
                 acc, lesser, path, leaves = better
             if acc is same:
-                return Search(acc, lesser, path, leaves, after, left)
+                return Search(acc, lesser, path, leaves, after, left, few)
             exchanges, settled = exchanges + 1, 1
             after = glanced(acc, after)
             continue
@@ -113,7 +117,7 @@ def search(full, start, readings, effects, before, glanced, twins=None):
         last, after = after, glanced(acc, after)
         needed = stays_needed(best.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
-    return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left)
+    return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left, few)
 
 
 def _unless_shared(causes, theirs):
@@ -126,19 +130,53 @@ def _unless_shared(causes, theirs):
 
 
 def beside_steps(full, done, again, effects):
-    """A search, or the better one `again` without steps at random, if it has found some
-    and they leave something: they come near to whatever stays for a while. What that
-    is shows the more, the longer a record.
-    """
-    if "random_steps" not in done.path.effects or (
-            done.after.p_value >= LOOK_ON * effort(full)):
-        return done
-    other = again([e for e in effects if e.name != "random_steps"])
+    """A search, or a better one `again`.
 
-    def worth(one):    # an effect is as likely as any other, or none
-        return one.account.log_evidence - sum(
-            np.log(len(effects)) + search_cost(f.effect, full) for f in one.path.found)
-    return max(done, other, key=worth)
+    Where steps at random were the best, but few, with bias steps alone: a process tells
+    more than the first of several. Without steps at random, if they leave something:
+    they come near to whatever stays for a while. What that is shows the more, the
+    longer a record.
+    """
+    steps = [e for e in effects if e.columns and e.search == "onset"]
+    if done.few_steps and steps:
+        other = again(steps, among=len(effects))
+        if other.after.p_value < LOOK_ON:
+            other = again(effects, other.account, other.path)
+    elif "random_steps" in done.path.effects and (
+            done.after.p_value < LOOK_ON * effort(full)):
+        other = again([e for e in effects if e.name != "random_steps"])
+    else:
+        return done
+    return _of_both(done, other, len(effects))
+
+
+def _of_both(one, other, count):
+    """The better of two searches among so many effects, with the leaves of both."""
+    worth = [_worth(own.path, count) for own in (one, other)]
+    (share, rest), (best, lesser) = probabilities(worth), (one, other)
+    if rest > share:
+        (share, rest), (best, lesser) = (rest, share), (other, one)
+
+    def scaled_leaves(own, part):
+        total = sum(c.probability for c in own.leaves.values())
+        return {key: scaled(c, part / total, 0.0) for key, c in own.leaves.items()}
+    leaves = scaled_leaves(best, share)
+    keys = {c.names: key for key, c in leaves.items()}
+    for key, c in scaled_leaves(lesser, rest).items():
+        known = leaves.get(keys.get(c.names, key))
+        leaves[keys.get(c.names, key)] = known._replace(
+            probability=known.probability + c.probability,
+            error=float(np.hypot(known.error, c.error))) if known else c
+    return best._replace(leaves=leaves)
+
+
+def _worth(path, count):
+    """ln B of a path, and of its prior: as one of so many effects each is as likely as
+    any; that one is there once more, as that any is.
+    """
+    more = len(path.found) - len({*path.effects})
+    return path.log_bayes - np.log(count) * len({*path.effects}) - more * np.log(
+        PRIOR_LAST / (1.0 - PRIOR_LAST))
 
 
 HELD_AGAINST = 12    # simulated records, fewer for a long record

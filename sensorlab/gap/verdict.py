@@ -79,28 +79,40 @@ def common(found, staying):
 
 def present(causes):
     """Probability of every effect, in whatever company; of `none` that it is alone."""
+    return {name: p for (name, number), p in _present(causes).items() if not number}
+
+
+def _present(causes):
+    """The same of (effect, how many of its name are beside it): of two steps one is
+    another.
+    """
     result = {}
     for c in causes:
-        for effect in dict.fromkeys(c.effects or ("none",)):
-            result[effect] = result.get(effect, 0.0) + c.probability
+        for one in _numbered(c):
+            result[one] = result.get(one, 0.0) + c.probability
     return result
 
 
-def named(causes):
-    """Effects of the first cause if it is more probable than not, or else every effect
-    that is, in whatever company (the median probability model; M. Barbieri, J. Berger,
-    "Optimal predictive model selection", Ann. Stat. 32, 2004), and beside those that
-    are more probable, for each may stand for the other.
+def _numbered(cause):
+    effects = cause.effects or ("none",)
+    return [(name, effects[:k].count(name)) for k, name in enumerate(effects)]
+
+
+def _named(causes):
+    """Effects, as in `_present`, of the first cause if it is more probable than not, or
+    else every effect that is, in whatever company (the median probability model; M.
+    Barbieri, J. Berger, "Optimal predictive model selection", Ann. Stat. 32, 2004), and
+    beside those that are more probable, for each may stand for the other.
     """
     if causes[0].probability >= SURE:
-        return causes[0].effects or ("none",)
-    chance, sure, all_of = present(causes), (), 1.0
+        return _numbered(causes[0])
+    chance, sure, all_of = _present(causes), [], 1.0
     for one in sorted(chance, key=chance.get, reverse=True):
-        with_it = sum(c.probability for c in causes if {*sure, one} <= set(
-            c.effects or ("none",)))
+        with_it = sum(c.probability for c in causes
+                      if {*sure, one} <= {*_numbered(c)})
         if chance[one] >= SURE and with_it >= SURE * all_of:
-            sure, all_of = (*sure, one), with_it
-    return tuple(e for e in chance if e in sure)
+            sure, all_of = [*sure, one], with_it
+    return [one for one in chance if one in sure]
 
 
 def split_families(causes):
@@ -108,29 +120,32 @@ def split_families(causes):
     than not, but none of whose members is named; of those, too, that are beside what is
     named in nearly all sets, now one and now the other.
     """
-    chance, sure, result = present(causes), named(causes), []
+    chance, named, result = present(causes), _named(causes), []
+    sure = [name for name, _ in named]
     for family in FAMILIES:
         members = sorted((e for e in family if chance.get(e, 0.0) >= RARE),
                          key=lambda e: -chance[e])
         total = sum(c.probability for c in causes if set(c.effects) & set(family))
         if len(members) > 1 and total >= SURE and not set(family) & set(sure):
             result.append((tuple(members), total))
-    found = {*sure} - {"none", "unknown"}
-    alone = sum(c.probability for c in causes if {*c.effects} - {"unknown"} == found)
+    found = {*named} - {("none", 0), ("unknown", 0)}
+    alone = sum(c.probability for c in causes
+                if {*_numbered(c)} - {("unknown", 0)} == found)
     if found and not result and alone < RARE:
-        rest = sorted((e for e in chance if chance[e] >= RARE and e not in (
-            *sure, "none", "unknown")), key=lambda e: -chance[e])
-        for number in range(2, len(rest) + 1):
-            members = tuple(rest[:number])
-            total = sum(c.probability for c in causes if {*c.effects} & {*members})
+        every = _present(causes)
+        rest = sorted((one for one in every if every[one] >= RARE and one not in named
+                       and one[0] not in ("none", "unknown")), key=lambda e: -every[e])
+        for count in range(2, len(rest) + 1):
+            total = sum(c.probability for c in causes
+                        if {*_numbered(c)} & {*rest[:count]})
             if total >= SURE:
-                return [(members, total)]
+                return [(tuple(name for name, _ in rest[:count]), total)]
     return result
 
 
 def verdict_of(causes):
     """The effects that are `named`, and families that are split; as one."""
-    sure = named(causes)
+    sure = [name for name, _ in _named(causes)]
     if causes[0].probability >= SURE:
         return "+".join(sure)
     split = [" or ".join(members) for members, _ in split_families(causes)]
