@@ -92,15 +92,32 @@ def test_of_two_searches_the_better_is_taken_and_the_sets_of_both_share():
                     "random_walk+random_telegraph": (0.1 * odds + 0.5) / (1.0 + odds)})
 
 
-def test_few_steps_are_sought_alone_where_steps_are_in_the_catalogue():
-    few = searched(50.0, cause("random_walk"))._replace(few_steps=True)
+def test_what_happens_at_some_time_is_sought_alone_if_steps_are_in_the_catalogue():
     asked = []
 
-    def again(effects, *start, among=1):
-        asked.append(([one.name for one in effects], among))
-        return searched(60.0, cause("bias_step"))._replace(
-            after=types.SimpleNamespace(p_value=0.5))
-    effects = [EFFECTS[name] for name in ("bias_step", "noise_step", "random_walk")]
-    found = search.beside_steps(None, few, again, effects)
-    assert found.path.effects == ("bias_step",) and asked == [(["bias_step"], 3)]
-    assert search.beside_steps(None, few, again, effects[1:]) is few
+    def for_some(effects):
+        asked.append([one.name for one in effects])
+        return searched(60.0 - len(effects), cause("bias_step"))
+    effects = [EFFECTS[name] for name in (
+        "bias_step", "noise_step", "pulse", "gradual_step", "random_walk")]
+    assert search._at_some_time(effects, for_some).path.log_bayes == 59.0
+    assert asked == [["bias_step"], ["bias_step", "pulse"]]
+    assert search._at_some_time(effects[1:], for_some) is None
+
+
+def test_a_search_beside_few_steps_may_go_on_from_these():
+    few = searched(60.0, cause("bias_step"))._replace(
+        after=types.SimpleNamespace(p_value=0.1), account=account(0.0))
+    done = searched(50.0, cause("random_walk"))._replace(other=few)
+    asked = []
+
+    def again(*asked_for):
+        asked.append(asked_for)
+        return searched(70.0, cause("bias_step", "pulse"))
+    effects = [EFFECTS["bias_step"]]
+    found = search.beside_steps(None, done, again, effects)
+    assert asked == [(effects, few.account, few.path)]
+    assert found.path.effects == ("bias_step", "pulse")
+    assert search.beside_steps(None, done._replace(other=few._replace(
+        after=types.SimpleNamespace(p_value=0.5))), again, effects).path is few.path
+    assert len(asked) == 1

@@ -162,8 +162,8 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         return _described(full, done, before, measured)
 
     def sought(acc, path, effects):
-        def again(some, acc=acc, path=path, among=1):
-            return search(full, acc, path, some, before, glanced, own, among)
+        def again(effects, acc=acc, path=path):
+            return search(full, acc, path, effects, before, glanced, own)
         return beside_steps(full, again(effects), again, effects)
     by = described(sought(start, found, effects))
     if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it

@@ -41,7 +41,8 @@ class Search(NamedTuple):
     leaves: dict      # name of a set of effects -> Cause: where the search could stop
     after: Gap
     left: float       # ln B of the best that is not added; 0 if nothing is for it
-    few_steps: bool = False    # were steps at random once the best, but few?
+    other: object = None    # `Search` for what happens at some time alone, where steps
+                            # at random were the best, but few
 
     __repr__ = brief
 
@@ -56,7 +57,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1)
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
-    noises, doubtful, exchanges, left, settled, few = 0, 0, 0, 0.0, 1, False
+    noises, doubtful, exchanges, left, settled, other = 0, 0, 0, 0.0, 1, None
     leaves, after, lesser = {}, before, {}
     if path.found:
         after = glanced(acc)
@@ -69,10 +70,20 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1)
                               after.p_value < LOOK_ON or pushes(acc),
                               _by_rounding(full, acc, after.theta) if coarse else None,
                               among=among)
+        if look.few_steps and not (other or twins):
+            other = _at_some_time(effects, lambda some: search(
+                full, acc, path, some, before, glanced, among=len(effects)))
+            if other and other.after.p_value > EXPLAINED and _worth(
+                    other.path, len(effects)) > look.few_steps + _worth(
+                        path, len(effects)) - np.log(len(effects)):
+                best = next(c for c in look.causes if c.found)
+                acc, lesser, path, leaves, after, *_ = _of_both(other, Search(
+                    acc, {}, _joined(path, best), _with_leaves(leaves, path, look),
+                    after, left), len(effects))
+                continue
         if look.account is not None and not coarse:
             look = _or_a_pair(scene, acc, look, effects, functools.partial(
                 _describes, glanced, look.account, after))
-        few |= look.few_steps
         found = [c for c in look.causes if c.found]
         left, known = max([0.0, *(c.log_bayes for c in found)]), None
         if twins and look.account is not None and len(found[0].found) == 1:
@@ -87,7 +98,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1)
             if better:
                 acc, lesser, path, leaves = better
             if acc is same:
-                return Search(acc, lesser, path, leaves, after, left, few)
+                return Search(acc, lesser, path, leaves, after, left, other)
             exchanges, settled = exchanges + 1, 1
             after = glanced(acc, after)
             continue
@@ -117,7 +128,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1)
         last, after = after, glanced(acc, after)
         needed = stays_needed(best.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
-    return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left, few)
+    return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left, other)
 
 
 def _unless_shared(causes, theirs):
@@ -129,25 +140,30 @@ def _unless_shared(causes, theirs):
         probability=c.probability + theirs * some) for c in causes)
 
 
-def beside_steps(full, done, again, effects):
-    """A search, or a better one `again`.
-
-    Where steps at random were the best, but few, with bias steps alone: a process tells
-    more than the first of several. Without steps at random, if they leave something:
-    they come near to whatever stays for a while. What that is shows the more, the
-    longer a record.
+def _at_some_time(effects, searched):
+    """What both find that is `searched` for steps alone, and for pulses, too; None if
+    no step is among the effects.
     """
-    steps = [e for e in effects if e.columns and e.search == "onset"]
-    if done.few_steps and steps:
-        other = again(steps, among=len(effects))
-        if other.after.p_value < LOOK_ON:
-            other = again(effects, other.account, other.path)
-    elif "random_steps" in done.path.effects and (
+    steps, pulses = ([e for e in effects if e.columns and e.search == kind
+                      and not e.becomes] for kind in ("onset", "pulse"))
+    return _of_both(searched(steps), searched([*steps, *pulses]), len(effects)
+                    ) if steps else None
+
+
+def beside_steps(full, done, again, effects):
+    """A search, or a better one: that for what happens at some time alone, where steps
+    at random were the best, but few, for a process tells more than the first of several
+    steps; or one `again` without steps at random, if they leave something: they come
+    near to whatever stays for a while. What that is shows the more, the longer a
+    record.
+    """
+    other = done.other
+    if other and other.after.p_value < LOOK_ON:
+        other = again(effects, other.account, other.path)
+    elif not other and "random_steps" in done.path.effects and (
             done.after.p_value < LOOK_ON * effort(full)):
         other = again([e for e in effects if e.name != "random_steps"])
-    else:
-        return done
-    return _of_both(done, other, len(effects))
+    return _of_both(done, other, len(effects)) if other else done
 
 
 def _of_both(one, other, count):
