@@ -84,7 +84,7 @@ class Further(NamedTuple):
     causes: tuple      # of Cause, most probable first, none among them
     account: Account   # with the most probable effect in it; None where it is none
     prior: float       # log odds of any one further effect, a priori
-    few_steps: float = 0.0    # ln B of steps at random, if they are the best, but few
+    few_steps: bool = False    # are steps at random the best, but few?
 
     __repr__ = brief
 
@@ -151,9 +151,8 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
         causes.append(Cause((one._replace(column=column),), float(probability),
                             float(rival.log_bayes), off))
     causes.sort(key=lambda c: -c.probability)
-    best = max([0.0, *(one.log_bayes for one in rivals)])
-    return Further(tuple(causes), chosen, prior,
-                   inside.few_steps if inside.few_steps >= best else 0.0)
+    return Further(tuple(causes), chosen, prior, inside.few_steps >= max(
+        [0.0, *(one.log_bayes for one in rivals)]))
 
 
 class _Estimated(dict):
@@ -263,7 +262,7 @@ class _Inside(_Where):
     """Where effects inside the filter are sought."""
 
     __repr__ = brief
-    few_steps = 0.0    # ln B of steps at random, where a record shows few
+    few_steps = -np.inf    # ln B of steps at random, where a record shows few
 
     @functools.cached_property    # of several effects
     def spectra(self):

@@ -41,8 +41,8 @@ class Search(NamedTuple):
     leaves: dict      # name of a set of effects -> Cause: where the search could stop
     after: Gap
     left: float       # ln B of the best that is not added; 0 if nothing is for it
-    other: object = None    # `Search` for what happens at some time alone, where steps
-                            # at random were the best, but few
+    other: object = None    # `Search` for what happens at some time alone, if steps at
+                            # random were the best, but few, and it did not go on there
 
     __repr__ = brief
 
@@ -51,14 +51,16 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1)
     """`Search` from an account with the readings of a record on, which are a `Cause`,
     until nothing more is found.
 
-    `glanced` gives the `Gap` to an account, quicker beside that to a like one;
-    An effect that the simulator's own records have, too, its `Twins` if they are known,
-    is described, but nothing that is missing. `among` as for `further_causes`.
+    `glanced` gives the `Gap` to an account, quicker beside that to a like one. Where
+    few steps at random would be the best, what happens at some time is sought alone: a
+    process tells more than the first of several steps. An effect that the simulator's
+    own records have, too, its `Twins` if they are known, is described, but nothing that
+    is missing. `among` as for `further_causes`.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
-    noises, doubtful, exchanges, left, settled, other = 0, 0, 0, 0.0, 1, None
-    leaves, after, lesser = {}, before, {}
+    noises, doubtful, exchanges, left, settled = 0, 0, 0, 0.0, 1
+    leaves, after, lesser, asked, other = {}, before, {}, False, None
     if path.found:
         after = glanced(acc)
     for _ in range(0 if any(r.opaque for r in start.readings) else MAX_LOOKS):
@@ -70,17 +72,18 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1)
                               after.p_value < LOOK_ON or pushes(acc),
                               _by_rounding(full, acc, after.theta) if coarse else None,
                               among=among)
-        if look.few_steps and not (other or twins):
-            other = _at_some_time(effects, lambda some: search(
+        if look.few_steps and not (asked or twins):
+            asked, other = True, _at_some_time(effects, lambda some: search(
                 full, acc, path, some, before, glanced, among=len(effects)))
-            if other and other.after.p_value > EXPLAINED and _worth(
-                    other.path, len(effects)) > look.few_steps + _worth(
-                        path, len(effects)) - np.log(len(effects)):
+            if other and other.after.p_value > EXPLAINED:
                 best = next(c for c in look.causes if c.found)
-                acc, lesser, path, leaves, after, *_ = _of_both(other, Search(
-                    acc, {}, _joined(path, best), _with_leaves(leaves, path, look),
-                    after, left), len(effects))
-                continue
+                better = _of_both(Search(
+                    acc, lesser, _joined(path, best), _with_leaves(leaves, path, look),
+                    after, left), other, len(effects))
+                if better.path is other.path:
+                    acc, lesser, path, leaves, after, *_ = better
+                    other = None
+                    continue
         if look.account is not None and not coarse:
             look = _or_a_pair(scene, acc, look, effects, functools.partial(
                 _describes, glanced, look.account, after))
@@ -151,11 +154,9 @@ def _at_some_time(effects, searched):
 
 
 def beside_steps(full, done, again, effects):
-    """A search, or a better one: that for what happens at some time alone, where steps
-    at random were the best, but few, for a process tells more than the first of several
-    steps; or one `again` without steps at random, if they leave something: they come
-    near to whatever stays for a while. What that is shows the more, the longer a
-    record.
+    """A search, or a better one: the other that it has; or one `again` without steps at
+    random, if these leave something: they come near to whatever stays for a while. What
+    that is shows the more, the longer a record.
     """
     other = done.other
     if other and other.after.p_value < LOOK_ON:
