@@ -100,9 +100,17 @@ def test_what_happens_at_some_time_is_sought_alone_if_steps_are_in_the_catalogue
         return searched(60.0 - len(effects), cause("bias_step"))
     effects = [EFFECTS[name] for name in (
         "bias_step", "noise_step", "pulse", "gradual_step", "random_walk")]
-    assert search._at_some_time(effects, for_some).path.log_bayes == 59.0
+    none = cause()
+    assert search._at_some_time(none, effects, for_some).path.log_bayes == 59.0
     assert asked == [["bias_step"], ["bias_step", "pulse"]]
-    assert search._at_some_time(effects[1:], for_some) is None
+    assert search._at_some_time(none, effects[1:], for_some) is None
+
+
+def test_what_happens_at_many_times_has_none_each():
+    many = searched(60.0, cause(*6 * ["bias_step"]))
+    assert search._at_some_time(cause(), [EFFECTS["bias_step"]], lambda _: many) is None
+    assert search._at_some_time(cause("quantization"), [EFFECTS["bias_step"]],
+                                lambda _: many) is not None
 
 
 def test_a_search_beside_few_steps_may_go_on_from_these():

@@ -55,6 +55,8 @@ def test_of_several_of_one_name_as_many_are_named_as_are_probable():
                    bias_step_and_bias_step_and_bias_step=0.35,
                    bias_step_and_bias_step_and_pulse=0.2
                    ) == "bias_step+bias_step+gradual_step or bias_step"
+    assert verdict(pulse_and_bias_step_and_bias_step_and_bias_step=0.48,
+                   pulse_and_outliers=0.47, none=0.05) == "pulse+bias_step or outliers"
     assert verdict(sinusoid_and_sinusoid=0.4, sinusoid_and_sinusoid_and_sinusoid=0.3,
                    none=0.3) == "sinusoid+sinusoid"
 

@@ -447,7 +447,7 @@ def _told_by_spectra(richer, scene, acc):
 
 
 FEWEST_STEPS = 4    # of a level that moves at random: fewer have a time each, ...
-MANY_STEPS = 8      # ... so many have none
+MANY_STEPS = 6      # ... so many have none
 SURE_STEP = 0.9     # probability of a step where none was to be expected
 ONE_STEP = 16       # samples, in which one may seem to be several
 

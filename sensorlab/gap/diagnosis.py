@@ -2,7 +2,6 @@
 that effect closes the gap.
 """
 
-import functools
 from collections import Counter
 from typing import NamedTuple
 

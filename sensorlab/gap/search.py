@@ -10,7 +10,7 @@ import numpy as np
 from sensorid import brief, probabilities
 from sensorlab.gap.account import Account, account, as_simulated, in_place
 from sensorlab.gap.causes import (
-    PRIOR_LAST, Cause, further_causes, in_best_forms, largest_bayes, pushes,
+    MANY_STEPS, PRIOR_LAST, Cause, further_causes, in_best_forms, largest_bayes, pushes,
     search_cost, without)
 from sensorlab.gap.costs import heard_by, say
 from sensorlab.gap.distance import Gap
@@ -47,9 +47,10 @@ class Search(NamedTuple):
     __repr__ = brief
 
 
-def search(full, start, readings, effects, before, glanced, twins=None, among=1):
+def search(full, start, readings, effects, before, glanced, twins=None, among=1,
+           looks=MAX_LOOKS):
     """`Search` from an account with the readings of a record on, which are a `Cause`,
-    until nothing more is found.
+    until nothing more is found, in so many looks at most.
 
     `glanced` gives the `Gap` to an account, quicker beside that to a like one. Where
     few steps at random would be the best, what happens at some time is sought alone: a
@@ -60,10 +61,11 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1)
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
     noises, doubtful, exchanges, left, settled = 0, 0, 0, 0.0, 1
-    leaves, after, lesser, asked, other = {}, before, {}, False, None
+    leaves, after, lesser, other = {}, before, {}, None
+    asked = twins or any(one.effect.search == "onset" for one in path.found)
     if path.found:
         after = glanced(acc)
-    for _ in range(0 if any(r.opaque for r in start.readings) else MAX_LOOKS):
+    for _ in range(0 if any(r.opaque for r in start.readings) else looks):
         if noises == MAX_NOISES or doubtful == MAX_DOUBTFUL:
             break
         # a process shows in the undirected statistics, if it is there, or in parameters
@@ -72,9 +74,9 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1)
                               after.p_value < LOOK_ON or pushes(acc),
                               _by_rounding(full, acc, after.theta) if coarse else None,
                               among=among)
-        if look.few_steps and not (asked or twins):
-            asked, other = True, _at_some_time(effects, lambda some: search(
-                full, acc, path, some, before, glanced, among=len(effects)))
+        if look.few_steps and not asked:
+            asked, other = True, _at_some_time(path, effects, lambda some: search(
+                full, acc, path, some, before, glanced, None, len(effects), MANY_STEPS))
             if other and other.after.p_value > EXPLAINED:
                 best = next(c for c in look.causes if c.found)
                 better = _of_both(Search(
@@ -143,14 +145,16 @@ def _unless_shared(causes, theirs):
         probability=c.probability + theirs * some) for c in causes)
 
 
-def _at_some_time(effects, searched):
-    """What both find that is `searched` for steps alone, and for pulses, too; None if
-    no step is among the effects.
+def _at_some_time(path, effects, searched):
+    """What both find that is `searched` for steps alone beside a path, and for pulses,
+    too; None if that is not few, or no step is among the effects.
     """
     steps, pulses = ([e for e in effects if e.columns and e.search == kind
                       and not e.becomes] for kind in ("onset", "pulse"))
-    return _of_both(searched(steps), searched([*steps, *pulses]), len(effects)
-                    ) if steps else None
+    if steps:
+        alone = searched(steps)
+        if len(alone.path.found) < len(path.found) + MANY_STEPS:
+            return _of_both(alone, searched([*steps, *pulses]), len(effects))
 
 
 def beside_steps(full, done, again, effects):

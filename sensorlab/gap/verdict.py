@@ -133,8 +133,10 @@ def split_families(causes):
                 if {*_numbered(c)} - {("unknown", 0)} == found)
     if found and not result and alone < RARE:
         every = _present(causes)
-        rest = sorted((one for one in every if every[one] >= RARE and one not in named
-                       and one[0] not in ("none", "unknown")), key=lambda e: -every[e])
+        # of one name, the first that is not named
+        rest = sorted(((name, number) for (name, number), p in every.items()
+                       if p >= RARE and number == sure.count(name)
+                       and name not in ("none", "unknown")), key=lambda e: -every[e])
         for count in range(2, len(rest) + 1):
             total = sum(c.probability for c in causes
                         if {*_numbered(c)} & {*rest[:count]})
