@@ -151,7 +151,7 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
         causes.append(Cause((one._replace(column=column),), float(probability),
                             float(rival.log_bayes), off))
     causes.sort(key=lambda c: -c.probability)
-    return Further(tuple(causes), chosen, prior, inside.few_steps >= max(
+    return Further(tuple(causes), chosen, prior, inside.worth_of_few >= max(
         [0.0, *(one.log_bayes for one in rivals)]))
 
 
@@ -262,7 +262,7 @@ class _Inside(_Where):
     """Where effects inside the filter are sought."""
 
     __repr__ = brief
-    few_steps = -np.inf    # ln B of steps at random, where a record shows few
+    worth_of_few = -np.inf    # ln B of steps at random, where a record shows few
 
     @functools.cached_property    # of several effects
     def spectra(self):
@@ -323,7 +323,7 @@ class _Inside(_Where):
                 continue
             here, steps = _log_bayes(new, start), _steps(new, scene)
             if steps < MANY_STEPS:
-                self.few_steps = here
+                self.worth_of_few = here
             if steps < FEWEST_STEPS:
                 continue
             best = max(best, here)

@@ -154,7 +154,8 @@ def _at_some_time(path, effects, searched):
     if steps:
         alone = searched(steps)
         if len(alone.path.found) < len(path.found) + MANY_STEPS:
-            return _of_both(alone, searched([*steps, *pulses]), len(effects))
+            return _of_both(alone, searched([*steps, *pulses]), len(effects)
+                            ) if pulses else alone
 
 
 def beside_steps(full, done, again, effects):

@@ -83,9 +83,7 @@ def present(causes):
 
 
 def _present(causes):
-    """The same of (effect, how many of its name are beside it): of two steps one is
-    another.
-    """
+    """The same of effects as `_numbered`: of two steps the second is another."""
     result = {}
     for c in causes:
         for one in _numbered(c):
@@ -94,6 +92,7 @@ def _present(causes):
 
 
 def _numbered(cause):
+    """(name, how many of that name are before it) of the effects of a cause."""
     effects = cause.effects or ("none",)
     return [(name, effects[:k].count(name)) for k, name in enumerate(effects)]
 
@@ -146,7 +145,7 @@ def split_families(causes):
 
 
 def verdict_of(causes):
-    """The effects that are `named`, and families that are split; as one."""
+    """The effects that are named, and families that are split; as one."""
     sure = [name for name, _ in _named(causes)]
     if causes[0].probability >= SURE:
         return "+".join(sure)
