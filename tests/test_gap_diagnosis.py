@@ -232,6 +232,30 @@ def test_what_drifts_returns_or_lags_is_named(effect):
         assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
 
 
+@pytest.mark.parametrize("lag, column", [
+    ("delay", "rate"), large("first order", "acceleration"),
+    large("second order", "pressure"), large("reference", "rate")])
+def test_what_is_late_is_no_hysteresis(lag, column):
+    """A sensor that follows a motion 12 s late, or a reference that does; dt is 1 s."""
+    record, tau, t = generator.record(630, 2), 12.0, np.arange(generator.N)
+    x = signal.lfilter(*signal.butter(2, 0.03), np.random.default_rng(
+        4).standard_normal(len(t)))
+    a, twice = np.exp(-1.0 / tau), signal.butter(2, np.sqrt(2.0) / np.pi / tau)
+    late = {"delay": np.interp(t - tau, t, x), "reference": np.interp(t + tau, t, x),
+            "first order": signal.lfilter([1.0 - a], [1.0, -a], x),
+            "second order": signal.lfilter(*twice, x)}[lag]
+    told = generator.information(late - x, record["base"], record["parameters"])
+    size = np.sqrt(120.0 / told)    # 60 nats
+    d = sensorlab.diagnose(record["clean"] + size * (late - x), DT, MODEL,
+                           {column: x})
+    assert d.verdict == "latency"
+    found, = d.found
+    mean, sd = found.values["tau"]
+    assert found.column == column and abs(mean - tau) < 3.0 * sd and sd < 0.3 * tau
+    mean, sd = found.values["coefficient"]
+    assert abs(mean - tau * size * (1.0 if lag == "reference" else -1.0)) < 3.0 * sd
+
+
 @pytest.mark.large
 def test_noise_of_another_law_is_no_wrong_parameter():
     # of the variance that the simulator has, to a fiftieth

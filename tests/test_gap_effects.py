@@ -262,6 +262,31 @@ def test_a_lag_is_less_what_comes_at_once_where_that_is_compensated():
     assert_allclose(behind, late - 0.2 * (T - T.mean()), atol=1e-12)
 
 
+def test_what_is_late_is_delayed_or_low_passed():
+    N, dt, tau = 4000, 0.01, 0.3
+    t = dt * np.arange(N)
+
+    def forms(x, tau):
+        scene = Scene(np.zeros(N), dt, dict(rate=x))
+        return {variant: columns[:, 0] for variant, columns in CATALOGUE[
+            "latency"].columns(scene, x, tau)}
+    for f in forms(5.0 + 3.0 * t, tau).values():    # of a ramp, all are its slope
+        assert_allclose(f[1000:-100], 3.0, rtol=0.02)
+    twice, once = np.sqrt(2.0) / tau, 1.0 / tau    # rad/s of the cut-offs, where 1 / 2
+    for omega, variant, behind, gain in (          # of the power passes
+            (twice, "backward difference", twice * tau, 1.0),
+            (twice, "second-order lag", np.pi / 2.0, np.sqrt(0.5)),
+            (once, "first-order lag", np.pi / 4.0, np.sqrt(0.5))):
+        x = np.sin(omega * t)
+        assert_allclose((x - tau * forms(x, tau)[variant])[1000:], (
+            gain * np.sin(omega * t - behind))[1000:], atol=0.02)
+    x = np.random.default_rng(3).standard_normal(N).cumsum()
+    shortest, least = forms(x, np.nan), forms(x, dt)    # one not given is dt
+    assert_array_equal(list(shortest.values()), list(least.values()))
+    assert_allclose(shortest["central difference"][1:-1], np.gradient(x, dt)[1:-1],
+                    atol=1e-9)
+
+
 def test_simulated_noises_have_the_variance_that_is_written():
     h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0)
     scene = Scene(np.zeros(20000), DT, {})

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 from scipy.optimize import nnls
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, lfilter_zi
 
 from sensorid import JIT, Parameter, ShapingFilter, sum_of
 from sensorlab.gap.effects import Effect, Jumps
@@ -110,11 +110,24 @@ def _curved(scene, x, psi):
     yield "modulus", _centred(np.abs(x))[:, None]
 
 
-def _derivative(scene, x, psi):
-    step = np.diff(x) / scene.dt
-    yield "backward difference", np.append(0.0, step)[:, None]
-    yield "forward difference", np.append(step, 0.0)[:, None]
-    yield "central difference", np.gradient(x, scene.dt)[:, None]
+def _late(scene, x, psi):
+    tau, time = scene.dt if np.isnan(psi) else psi, scene.time
+    before, after = (np.interp(time + away, time, x) for away in (-tau, tau))
+    for variant, change in (
+            ("backward difference", x - before), ("forward difference", after - x),
+            ("central difference", 0.5 * (after - before)),
+            ("first-order lag", x - lagged(x, scene.dt, tau)),
+            ("second-order lag", x - _lagged_twice(x, scene.dt, tau))):
+        yield variant, change[:, None] / tau
+
+
+def _lagged_twice(x, dt, delay):
+    """Butterworth low-pass of second order that delays what is slow by so much, s, in
+    steady state at the start.
+    """
+    cut = min(1.0 / (np.sqrt(2.0) * np.pi * delay), MAX_CUT / dt)
+    b, a = butter(2, cut, fs=1.0 / dt)
+    return lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0]
 
 
 def _least_tau(scene):
@@ -780,6 +793,8 @@ MIN_STEPS = 10    # in a record, on average: fewer are bias steps
 MIN_REST = 30    # samples from one step to the next: fewer are a walk
 WIDEST_PLAY = 0.25    # of the range of a column, to either side: a wider loop is hardly
                       # told from the column itself
+LATEST = 1000.0    # sampling intervals by which a sensor is late
+MAX_CUT = 0.45    # of the sampling rate: as fast as a digital low-pass can be
 MIN_BURST = 8    # samples of a burst of noise: fewer are outliers
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
 
@@ -870,9 +885,16 @@ CATALOGUE = {effect.name: effect for effect in (
                     "of f",
            resembles="scale factor where the rate has one sign",
            experiment="turn at several known rates of both signs"),
-    Effect("latency", columns=_derivative, size="coefficient", column="rate",
-           equation="y + coefficient dx/dt; in u per unit of x and second",
-           resembles="scale factor under slow motion",
+    Effect("latency", columns=_late, size="coefficient", optional=("tau",),
+           column=("rate", "acceleration", "*"),
+           parameters=lambda s: (_log("tau", s.dt, s.dt * np.clip(
+               len(s.y) / 40.0, 2.0, LATEST)),),
+           equation="y + coefficient f, f = (x - X) / tau, X = x(t - tau), or x after "
+                    "a low-pass of first or second order that delays by tau, or f = "
+                    "(x(t + tau) - x) / tau, or the mean of both differences: all "
+                    "dx/dt where tau is short; tau in s, dt if not given, coefficient "
+                    "in u per unit of x and second, -tau of a sensor that is but late",
+           resembles="scale factor under slow motion, hysteresis",
            experiment="turn with sharp starts and stops"),
     Effect("g_sensitivity", columns=_linear, size="coefficient", column="acceleration",
            equation="y + coefficient (x - mean of x); in u per unit of x",

@@ -123,8 +123,11 @@ class Effect(NamedTuple):
     becomes: str = ""           # the simpler effect that it is at an end of its
                                 # parameters
     size: str = "size"          # what the factor of the columns is called
+    optional: tuple = ()        # symbols that a simulator need not give: of what its
+                                # columns depend on, NaN
     column: str = ""            # what must be recorded beside the error; "*" is what no
-                                # other effect names, "any" is anything
+                                # other effect names, "any" is anything; a tuple is one
+                                # of several
     equation: str = ""          # what becomes of the error y, with units
     resembles: str = ""         # what it is confused with
     experiment: str = ""        # what tells them apart
@@ -133,6 +136,16 @@ class Effect(NamedTuple):
     def begins(self):
         """Do its columns begin at some time?"""
         return bool(self.columns) and self.search in ("onset", "pulse", "waves")
+
+    @property
+    def named(self):
+        """Names of the columns, one of which must be recorded beside the error."""
+        return (self.column,) if isinstance(self.column, str) else self.column
+
+    def takes(self, column, others):
+        """Is it looked for beside a column, of whose names `others` name some?"""
+        return (column in self.named or "any" in self.named
+                or "*" in self.named and column not in others)
 
     @property
     def may_repeat(self):
@@ -525,6 +538,7 @@ def signature_of(scene, one, value):
 
 def psi_of(scene, effect, values):
     """What the columns of an effect depend on: NaN, a number or several."""
+    values = {**dict.fromkeys(effect.optional, np.nan), **values}
     psi = tuple(values[p.symbol] for p in effect.parameters(scene))
     return psi if len(psi) > 1 else psi[0] if psi else np.nan
 
@@ -574,9 +588,9 @@ def describe(effect, scene=None):
     """
     lines = [f"{effect.name}: {effect.equation}"]
     if effect.column:
-        lines.append("needs, as x, " + ("any other column" if effect.column == "*" else
-                                        "any column" if effect.column == "any" else
-                                        f"a column {effect.column}"))
+        lines.append("needs, as x, " + " or ".join(
+            {"*": "any other column", "any": "any column"}.get(name, f"a column {name}")
+            for name in effect.named))
     if scene:
         units = dict(onset="s", tau="s", dwell="s", quiet="s", duration="s",
                      frequency="Hz", sigma="u", size="u")

@@ -137,15 +137,14 @@ PER_E_FOLD = 5    # of one whose logarithm is even
 def families(scene, effects, signatures=()):
     """What there is to be searched for in a scene."""
     known = {(s.found.name, s.found.column) for s in signatures if not s.given}
-    named = {c.column for c in CATALOGUE.values()}
+    named = {name for c in CATALOGUE.values() for name in c.named}
     result = []
     for effect in effects:
         if not effect.columns:
             continue
         beside = [""] if not effect.column else [
-            name for name, x in scene.columns.items() if np.std(x) > 0.0
-            and (name == effect.column or effect.column == "any"
-                 or effect.column == "*" and name not in named)]
+            name for name, x in scene.columns.items()
+            if np.std(x) > 0.0 and effect.takes(name, named)]
         for column in beside:
             if not effect.search and (effect.name, column) in known:
                 continue
