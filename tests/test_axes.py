@@ -64,6 +64,15 @@ def test_other_axes_are_no_covariates_unless_asked_for():
     assert [*asked.columns] == ["ax", "T"] and asked.axes == ()
     whole = read(dict(gyro=Y, rate=Y + 1.0, accel=Y, dt=1.0), "gyro[1]", beside=None)
     assert [*whole.columns] == ["rate"] and whole.axes == ("accel",)
+    for names in ("rate_{}", "Rate.{}", "rate_{} [deg/s]", "{}_rate"):
+        moved = read(dict(IMU, **{names.format(axis): Y[k] + 1.0 for k, axis in
+                                  enumerate("xyz")}), "gy", beside=None)
+        assert {*moved.columns} == {"temperature", "rate"}
+        assert_array_equal(moved.columns["rate"], Y[1] + 1.0)
+        assert len(moved.axes) == len(IMU) - 3 + 2    # of the other axes, too
+    phone = {f"{name}_{axis}": Y[k] for name in ("rate", "acceleration")
+             for k, axis in enumerate("xyz")}    # what it measures itself
+    assert read(dict(phone, dt=1.0), "rate_x", beside=None).columns == {}
     turning = dict(IMU, **{f"q/{axis}": Y[0] for axis in "xyzw"})
     assert [*read(turning, "gy", beside=None).columns] == ["temperature"]
     assert found([Group(turning)], "all") == ["gx", "gy", "gz", "ax", "ay", "az"]

@@ -2,6 +2,8 @@
 their clocks.
 """
 
+from os.path import commonprefix
+
 import numpy as np
 
 from sensorlab.readers.axes import vectors
@@ -57,6 +59,7 @@ def _of_group(channel):
     every = list(channels(group))
     of_axes = {name for one in vectors([c.name for c in every]) for name in one}
     is_axis = channel.name in of_axes and channel.array != "error"
+    own = _of_own_axis(channel, every) if is_axis else {}
     found, axes = {}, []
     for c in every:
         if (c.array == channel.array or c.array in group.refused
@@ -68,10 +71,34 @@ def _of_group(channel):
             name = c.array if same else c.name.removeprefix(f"{group.name}/")
             short = UNIT.sub("", name)
             name = name if short in found else short
+            if c.name in own and own[c.name] not in group.arrays:
+                name = own[c.name]
             found[name] = c.values.astype(float)
             if is_axis and c.name in of_axes and name not in NAMED:
                 axes.append(name)
     return found, tuple(axes)
+
+
+def _of_own_axis(channel, every):
+    """Names that effects are looked for by, by the name of a channel: rate_x is the
+    rate of gyro_x; but not of acceleration_x, which is recorded as it is.
+    """
+    triads = {tuple(triad): _quantity(channel.group, triad)
+              for triad in vectors([c.name for c in every])}
+    mine = [triad for triad in triads if channel.name in triad]
+    if any(triads[triad] in NAMED for triad in mine):
+        return {}
+    at = {triad.index(channel.name) for triad in mine}
+    return {triad[k]: quantity for triad, quantity in triads.items()
+            if quantity in NAMED for k in at}
+
+
+def _quantity(group, triad):
+    """What the names of three axes have in common, without a unit."""
+    names = [UNIT.sub("", name.removeprefix(f"{group.name}/")) for name in triad[:3]]
+    before, after = (commonprefix([name[::turn] for name in names])[::turn]
+                     for turn in (1, -1))
+    return (before + after).strip("_-./ []").lower()
 
 
 def left_out(channel):
