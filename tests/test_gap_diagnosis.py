@@ -873,11 +873,11 @@ def test_what_two_thirds_do_not_show_is_not_foretold():
     assert d.held_out.ratio_before > 3.0 and 0.8 < d.held_out.ratio_after < 1.25
 
 
-def test_the_modulus_of_a_rate_is_not_averaged_with_its_square():
+@pytest.mark.parametrize("column", ["rate", "acceleration"])
+def test_the_modulus_of_a_motion_is_not_averaged_with_its_square(column):
     rng = np.random.default_rng(6)
-    rate = rng.uniform(-5.0, 5.0, 600)
-    d = sensorlab.diagnose(rng.normal(size=600) + 0.05 * rate**2, DT, WHITE,
-                          dict(rate=rate))
+    x = rng.uniform(-5.0, 5.0, 600)
+    d = sensorlab.diagnose(rng.normal(size=600) + 0.05 * x**2, DT, WHITE, {column: x})
     mean, sd = d.causes[0].parameters["coefficient"]
     assert d.verdict == "nonlinearity" and abs(mean - 0.05) < 3.0 * sd < 0.03
 

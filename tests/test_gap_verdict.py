@@ -195,8 +195,13 @@ def test_of_two_that_explain_as_much_the_simpler_is_twice_as_probable():
     """Both together are as probable as any other two."""
     acc = types.SimpleNamespace(signatures=(), readings=(), best=0, bases=[
         types.SimpleNamespace(effects=())], member=types.SimpleNamespace(effects=()))
-    rivals = [types.SimpleNamespace(effect=EFFECTS[name], log_bayes=4.0) for name in (
-        "temperature", "thermal_lag", "sinusoid")]
-    _, alone, share = causes._probabilities(acc, rivals)
-    assert_allclose(share / share[1], [2.0, 1.0, 1.5])
-    assert_allclose(share.sum() / alone, np.exp(4.0))    # as if all were the same
+    for names, expected in (
+            (["temperature", "thermal_lag", "sinusoid"], [2.0, 1.0, 1.5]),
+            # beside the same column
+            (["latency pressure", "covariate pressure", "covariate voltage"],
+             [1.0, 2.0, 1.5])):
+        rivals = [types.SimpleNamespace(effect=EFFECTS[effect], at=at, log_bayes=4.0)
+                  for effect, _, at in (name.partition(" ") for name in names)]
+        _, alone, share = causes._probabilities(acc, rivals)
+        assert_allclose(share / share.min(), expected)
+        assert_allclose(share.sum() / alone, np.exp(4.0))    # as if all were the same

@@ -69,8 +69,8 @@ def test_two_clusters_of_temperature_are_no_proof_of_it(real):
     low, high = words.clusters(T)
     assert low[1] < 14.0 and high[0] > 47.0
     some = [sensorlab.CATALOGUE[name] for name in (
-        "quantization", "narrow_band_noise", "noise_bursts", "vibration_burst",
-        "bias_step", "temperature", "thermal_lag")]
+        "quantization", "narrow_band_noise", "bias_step", "temperature",
+        "thermal_lag")]
     d = sensorlab.diagnose(y, 0.02, sensorid.default_hypotheses(y, 0.02),
                            dict(temperature=T), effects=some)
     assert any("temperature" in c.effect or "thermal_lag" in c.effect or

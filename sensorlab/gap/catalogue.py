@@ -793,7 +793,7 @@ MIN_STEPS = 10    # in a record, on average: fewer are bias steps
 MIN_REST = 30    # samples from one step to the next: fewer are a walk
 WIDEST_PLAY = 0.25    # of the range of a column, to either side: a wider loop is hardly
                       # told from the column itself
-LATEST = 1000.0    # sampling intervals by which a sensor is late
+LATEST = 300.0    # sampling intervals by which a sensor is late
 MAX_CUT = 0.45    # of the sampling rate: as fast as a digital low-pass can be
 MIN_BURST = 8    # samples of a burst of noise: fewer are outliers
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
@@ -880,13 +880,15 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y + coefficient (x - mean of x); in u per unit of x",
            resembles="nonlinearity",
            experiment="turn at several known rates of both signs"),
-    Effect("nonlinearity", columns=_curved, size="coefficient", column="rate",
+    Effect("nonlinearity", columns=_curved, size="coefficient",
+           column=("rate", "acceleration"),
            equation="y + coefficient f, f = x^2 or |x| less its mean; in u per unit "
                     "of f",
            resembles="scale factor where the rate has one sign",
            experiment="turn at several known rates of both signs"),
     Effect("latency", columns=_late, size="coefficient", optional=("tau",),
            column=("rate", "acceleration", "*"),
+           becomes=("scale_factor", "g_sensitivity", "covariate"),    # of a long lag
            parameters=lambda s: (_log("tau", s.dt, s.dt * np.clip(
                len(s.y) / 40.0, 2.0, LATEST)),),
            equation="y + coefficient f, f = (x - X) / tau, X = x(t - tau), or x after "

@@ -536,10 +536,11 @@ def _probabilities(acc, rivals, among=1):
     alone = PRIOR_NONE if first else PRIOR_LAST
     prior = np.log((1.0 - alone) / alone / max(len(rivals), among))
     weight, number = np.ones(len(rivals)), {
-        rival.effect.name: k for k, rival in enumerate(rivals)}
+        (rival.effect.name, rival.at): k for k, rival in enumerate(rivals)}
     for k, rival in enumerate(rivals):
-        if rival.effect.becomes in number:
-            weight[[k, number[rival.effect.becomes]]] += -SIMPLER, SIMPLER
+        for simpler in np.atleast_1d(rival.effect.becomes).tolist():
+            if (simpler, rival.at) in number:
+                weight[[k, number[simpler, rival.at]]] += -SIMPLER, SIMPLER
     share = probabilities([0.0, *(prior + np.log(own) + rival.log_bayes
                                   for own, rival in zip(weight, rivals))])
     return prior, share[0], share[1:]

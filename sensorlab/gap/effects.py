@@ -120,12 +120,12 @@ class Effect(NamedTuple):
                                 # (its variants are among `onsets.SHAPES`), else by a
                                 # list; a model that shows in the spectrum of the
                                 # residuals: "spectrum", or "band" by its frequency
-    becomes: str = ""           # the simpler effect that it is at an end of its
-                                # parameters
+    becomes: str | tuple = ""   # the simpler effect that it is at an end of its
+                                # parameters; a tuple is that one beside the same column
     size: str = "size"          # what the factor of the columns is called
     optional: tuple = ()        # symbols that a simulator need not give: of what its
                                 # columns depend on, NaN
-    column: str = ""            # what must be recorded beside the error; "*" is what no
+    column: str | tuple = ""    # what must be recorded beside the error; "*" is what no
                                 # other effect names, "any" is anything; a tuple is one
                                 # of several
     equation: str = ""          # what becomes of the error y, with units
