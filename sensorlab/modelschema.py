@@ -134,7 +134,6 @@ def _of_effect(effect):
         needed += [effect.size] if effect.columns else []
         optional = ["phase"] if effect.size == "amplitude" else []
         parameters = {symbol: _prior(symbol) for symbol in needed + optional}
-        needed = [symbol for symbol in needed if symbol not in effect.optional]
     psi = psi_of(scene, effect, {p.symbol: p.mean for p in effect.parameters(scene)})
     variants = [name for name, _ in effect.columns(
         scene, np.arange(8.0), psi)] if effect.columns else effect.variants

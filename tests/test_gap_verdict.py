@@ -198,7 +198,7 @@ def test_of_two_that_explain_as_much_the_simpler_is_twice_as_probable():
     for names, expected in (
             (["temperature", "thermal_lag", "sinusoid"], [2.0, 1.0, 1.5]),
             # beside the same column
-            (["latency pressure", "covariate pressure", "covariate voltage"],
+            (["lag pressure", "covariate pressure", "covariate voltage"],
              [1.0, 2.0, 1.5])):
         rivals = [types.SimpleNamespace(effect=EFFECTS[effect], at=at, log_bayes=4.0)
                   for effect, _, at in (name.partition(" ") for name in names)]

@@ -110,15 +110,19 @@ def _curved(scene, x, psi):
     yield "modulus", _centred(np.abs(x))[:, None]
 
 
-def _late(scene, x, psi):
-    tau, time = scene.dt if np.isnan(psi) else psi, scene.time
-    before, after = (np.interp(time + away, time, x) for away in (-tau, tau))
-    for variant, change in (
-            ("backward difference", x - before), ("forward difference", after - x),
-            ("central difference", 0.5 * (after - before)),
-            ("first-order lag", x - lagged(x, scene.dt, tau)),
-            ("second-order lag", x - _lagged_twice(x, scene.dt, tau))):
-        yield variant, change[:, None] / tau
+def _derivative(scene, x, psi):
+    step = np.diff(x) / scene.dt
+    yield "backward difference", np.append(0.0, step)[:, None]
+    yield "forward difference", np.append(step, 0.0)[:, None]
+    yield "central difference", np.gradient(x, scene.dt)[:, None]
+
+
+def _behind(scene, x, psi):
+    t = scene.time
+    yield "delay", (np.interp(t - psi, t, x) - x)[:, None]
+    yield "delay of the column", (np.interp(t + psi, t, x) - x)[:, None]
+    yield "first order", (lagged(x, scene.dt, psi) - x)[:, None]
+    yield "second order", (_lagged_twice(x, scene.dt, psi) - x)[:, None]
 
 
 def _lagged_twice(x, dt, delay):
@@ -886,17 +890,21 @@ CATALOGUE = {effect.name: effect for effect in (
                     "of f",
            resembles="scale factor where the rate has one sign",
            experiment="turn at several known rates of both signs"),
-    Effect("latency", columns=_late, size="coefficient", optional=("tau",),
+    Effect("latency", columns=_derivative, size="coefficient",
+           column=("rate", "acceleration"),
+           equation="y + coefficient dx/dt; in u per unit of x and second",
+           resembles="scale factor under slow motion, lag",
+           experiment="turn with sharp starts and stops"),
+    Effect("lag", columns=_behind, size="coefficient",
            column=("rate", "acceleration", "*"),
-           becomes=("scale_factor", "g_sensitivity", "covariate"),    # of a long lag
+           becomes=("latency", "scale_factor", "g_sensitivity", "covariate"),
            parameters=lambda s: (_log("tau", s.dt, s.dt * np.clip(
                len(s.y) / 40.0, 2.0, LATEST)),),
-           equation="y + coefficient f, f = (x - X) / tau, X = x(t - tau), or x after "
-                    "a low-pass of first or second order that delays by tau, or f = "
-                    "(x(t + tau) - x) / tau, or the mean of both differences: all "
-                    "dx/dt where tau is short; tau in s, dt if not given, coefficient "
-                    "in u per unit of x and second, -tau of a sensor that is but late",
-           resembles="scale factor under slow motion, hysteresis",
+           equation="y + coefficient (X - x), X = x(t - tau), or x(t + tau) where the "
+                    "column is late, or x after a low-pass of first or second order "
+                    "that delays by tau; tau in s, coefficient in u per unit of x, 1 "
+                    "of a sensor that is but late",
+           resembles="latency where tau is short, hysteresis, scale factor",
            experiment="turn with sharp starts and stops"),
     Effect("g_sensitivity", columns=_linear, size="coefficient", column="acceleration",
            equation="y + coefficient (x - mean of x); in u per unit of x",
@@ -910,7 +918,7 @@ CATALOGUE = {effect.name: effect for effect in (
            parameters=lambda s: (_log("play", 3e-4, WIDEST_PLAY),),
            equation="y + size (x - X) / width, X follows x as soon as it is width = "
                     "play (max x - min x) behind; play without unit, size in u",
-           resembles="thermal lag, scale factor, random telegraph",
+           resembles="thermal lag, lag, scale factor, random telegraph",
            experiment="drive that quantity up and down at different speed"),
     Effect("random_walk", model=_random_walk, elementwise=True,
            parameters=lambda s: (_log("sigma_w", s.white / len(s.y),
@@ -1045,7 +1053,8 @@ CATALOGUE = {effect.name: effect for effect in (
 
 
 FAMILIES = (    # effects that a record may show to be one of them, but not which
-    ("temperature", "thermal_lag"), ("bias_step", "pulse", "gradual_step"),
-    ("sinusoid", "narrow_band_noise"), ("ringing", "vibration_burst"),
+    ("temperature", "thermal_lag"), ("latency", "lag"),
+    ("bias_step", "pulse", "gradual_step"), ("sinusoid", "narrow_band_noise"),
+    ("ringing", "vibration_burst"),
     ("rate_ramp", "second_order_drift", "turn_on_transient"),
     ("random_walk", "correlated_noise", "bias_instability", "random_telegraph"))

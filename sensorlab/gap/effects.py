@@ -123,8 +123,6 @@ class Effect(NamedTuple):
     becomes: str | tuple = ""   # the simpler effect that it is at an end of its
                                 # parameters; a tuple is that one beside the same column
     size: str = "size"          # what the factor of the columns is called
-    optional: tuple = ()        # symbols that a simulator need not give: of what its
-                                # columns depend on, NaN
     column: str | tuple = ""    # what must be recorded beside the error; "*" is what no
                                 # other effect names, "any" is anything; a tuple is one
                                 # of several
@@ -538,7 +536,6 @@ def signature_of(scene, one, value):
 
 def psi_of(scene, effect, values):
     """What the columns of an effect depend on: NaN, a number or several."""
-    values = {**dict.fromkeys(effect.optional, np.nan), **values}
     psi = tuple(values[p.symbol] for p in effect.parameters(scene))
     return psi if len(psi) > 1 else psi[0] if psi else np.nan
 

@@ -25,7 +25,7 @@ PHRASES = dict(
     temperature="a dependence on temperature",
     thermal_lag="a dependence on temperature that lags behind",
     scale_factor="a scale factor error", nonlinearity="a nonlinearity",
-    latency="a latency", g_sensitivity="a g-sensitivity",
+    latency="a latency", lag="a lag behind a column", g_sensitivity="a g-sensitivity",
     covariate="a dependence on a column", hysteresis="a hysteresis",
     random_walk="a random walk", correlated_noise="correlated noise",
     bias_instability="bias instability (flicker noise)",
@@ -46,6 +46,8 @@ def phrase(effect, found=()):
         return f"a dependence on {one.column}"
     if one and effect == "hysteresis":
         return f"a hysteresis in {one.column}"
+    if one and effect == "lag":
+        return f"a lag behind {one.column}"
     if one and effect == "wrong_parameter" and "parameter" in one.values:
         effect, _, symbol = one.values["parameter"][0].rpartition(".")
         if symbol == ALL:
