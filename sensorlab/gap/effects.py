@@ -120,8 +120,8 @@ class Effect(NamedTuple):
                                 # (its variants are among `onsets.SHAPES`), else by a
                                 # list; a model that shows in the spectrum of the
                                 # residuals: "spectrum", or "band" by its frequency
-    becomes: str | tuple = ""   # the simpler effect that it is at an end of its
-                                # parameters; a tuple is that one beside the same column
+    becomes: str | tuple = ""   # the simpler effect, or effects, that it is at an end
+                                # of its parameters, beside the same column
     size: str = "size"          # what the factor of the columns is called
     column: str | tuple = ""    # what must be recorded beside the error; "*" is what no
                                 # other effect names, "any" is anything; a tuple is one
@@ -138,7 +138,7 @@ class Effect(NamedTuple):
     @property
     def named(self):
         """Names of the columns, one of which must be recorded beside the error."""
-        return (self.column,) if isinstance(self.column, str) else self.column
+        return np.atleast_1d(self.column).tolist()
 
     def takes(self, column, others):
         """Is it looked for beside a column, of whose names `others` name some?"""
