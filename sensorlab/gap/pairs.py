@@ -66,8 +66,9 @@ def best_pair(scene, acc, look, effects, describes):
     if best.effect in LAWS:    # the next look is beside it
         pairs = [pair for pair in pairs if best.effect not in [f.name for f in pair[0]]]
     pair = max(pairs, key=_worth, default=None)
-    if jumps and pair and pair[1] > best.log_bayes and pair[1] < max(
-            map(_worth, beside(best.found[0].effect)), default=-np.inf):
+    if jumps and pair and pair[1] > best.log_bayes and any(
+            _worth(other) > pair[1] for other in _ever_better(
+                scene, acc, look.account, some, [best.found[0].effect], best)):
         return None    # the next look finds what is better beside the best
     return pair
 
