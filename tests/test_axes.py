@@ -75,6 +75,8 @@ def test_other_axes_are_no_covariates_unless_asked_for():
     assert read(dict(phone, dt=1.0), "rate_x", beside=None).columns == {}
     turning = dict(IMU, **{f"q/{axis}": Y[0] for axis in "xyzw"})
     assert [*read(turning, "gy", beside=None).columns] == ["temperature"]
+    turning.update({f"rate_{axis}": Y[0] + 1.0 for axis in "xyz"})
+    assert [*read(turning, "q/w", beside=None).columns] == ["temperature"]
     assert found([Group(turning)], "all") == ["gx", "gy", "gz", "ax", "ay", "az"]
     # beside an error there are no axes: every column may be its cause
     assert {*read(dict(IMU, error=Y[0]), beside=None).columns} == {*IMU} - {"time"}

@@ -57,9 +57,10 @@ def _of_group(channel):
     group, samples = channel.group, len(channel.values)
     shape = group.arrays[channel.array].shape
     every = list(channels(group))
-    of_axes = {name for one in vectors([c.name for c in every]) for name in one}
+    triads = vectors([c.name for c in every])
+    of_axes = {name for one in triads for name in one}
     is_axis = channel.name in of_axes and channel.array != "error"
-    own = _of_own_axis(channel, every) if is_axis else {}
+    own = _of_own_axis(channel, triads) if is_axis else {}
     found, axes = {}, []
     for c in every:
         if (c.array == channel.array or c.array in group.refused
@@ -79,18 +80,16 @@ def _of_group(channel):
     return found, tuple(axes)
 
 
-def _of_own_axis(channel, every):
+def _of_own_axis(channel, triads):
     """Names that effects are looked for by, by the name of a channel: rate_x is the
     rate of gyro_x; but not of acceleration_x, which is recorded as it is.
     """
-    triads = {tuple(triad): _quantity(channel.group, triad)
-              for triad in vectors([c.name for c in every])}
     mine = [triad for triad in triads if channel.name in triad]
-    if any(triads[triad] in NAMED for triad in mine):
+    if any(_quantity(channel.group, triad) in NAMED for triad in mine):
         return {}
     at = {triad.index(channel.name) for triad in mine}
-    return {triad[k]: quantity for triad, quantity in triads.items()
-            if quantity in NAMED for k in at}
+    return {name: quantity for triad in triads for k, name in enumerate(triad)
+            if k in at and (quantity := _quantity(channel.group, triad)) in NAMED}
 
 
 def _quantity(group, triad):
