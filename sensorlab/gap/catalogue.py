@@ -117,23 +117,6 @@ def _derivative(scene, x, psi):
     yield "central difference", np.gradient(x, scene.dt)[:, None]
 
 
-def _behind(scene, x, psi):
-    t = scene.time
-    yield "delay", (np.interp(t - psi, t, x) - x)[:, None]
-    yield "delay of the column", (np.interp(t + psi, t, x) - x)[:, None]
-    yield "first order", (lagged(x, scene.dt, psi) - x)[:, None]
-    yield "second order", (_lagged_twice(x, scene.dt, psi) - x)[:, None]
-
-
-def _lagged_twice(x, dt, delay):
-    """Butterworth low-pass of second order that delays what is slow by so much, s, in
-    steady state at the start.
-    """
-    cut = min(1.0 / (np.sqrt(2.0) * np.pi * delay), MAX_CUT / dt)
-    b, a = butter(2, cut, fs=1.0 / dt)
-    return lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0]
-
-
 def _least_tau(scene):
     """Least time constant of an exponential that is tried, s."""
     return min(scene.duration / 400, max(5.0 * scene.dt, scene.duration / 4000))
@@ -149,6 +132,23 @@ def _lagged(scene, x, psi):
     late = lagged(x, scene.dt, psi)
     yield "lagged value", _centred(late)[:, None]
     yield "lag", _centred(late - x)[:, None]
+
+
+def _behind(scene, x, psi):
+    t = scene.time
+    yield "delay", (np.interp(t - psi, t, x) - x)[:, None]
+    yield "delay of the column", (np.interp(t + psi, t, x) - x)[:, None]
+    yield "first order", (lagged(x, scene.dt, psi) - x)[:, None]
+    yield "second order", (_lagged_twice(x, scene.dt, psi) - x)[:, None]
+
+
+def _lagged_twice(x, dt, delay):
+    """Butterworth low-pass of second order that delays what is slow by so much, s, in
+    steady state at the start.
+    """
+    cut = min(1.0 / (np.sqrt(2.0) * np.pi * delay), MAX_CUT / dt)
+    b, a = butter(2, cut, fs=1.0 / dt)
+    return lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0]
 
 
 def _hysteresis(scene, x, psi):

@@ -38,16 +38,15 @@ PHRASES = dict(
     wrong_parameter="the right value of a parameter",
     unknown="something that no effect of the catalogue explains")
 
+BESIDE = dict(covariate="a dependence on", hysteresis="a hysteresis in",
+              lag="a lag behind")    # the column that was found
+
 
 def phrase(effect, found=()):
     """An effect as one says it; with the column or the parameter that was found."""
     one = next((f for f in found if f.name == effect), None)
-    if one and effect == "covariate":
-        return f"a dependence on {one.column}"
-    if one and effect == "hysteresis":
-        return f"a hysteresis in {one.column}"
-    if one and effect == "lag":
-        return f"a lag behind {one.column}"
+    if one and effect in BESIDE:
+        return f"{BESIDE[effect]} {one.column}"
     if one and effect == "wrong_parameter" and "parameter" in one.values:
         effect, _, symbol = one.values["parameter"][0].rpartition(".")
         if symbol == ALL:
