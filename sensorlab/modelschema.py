@@ -132,6 +132,7 @@ def _of_effect(effect):
     else:
         needed = [p.symbol for p in effect.parameters(scene)]
         needed += [effect.size] if effect.columns else []
+        needed += effect.relative_to(np.arange(8.0), "") if effect.relative_to else []
         optional = ["phase"] if effect.size == "amplitude" else []
         parameters = {symbol: _prior(symbol) for symbol in needed + optional}
     psi = psi_of(scene, effect, {p.symbol: p.mean for p in effect.parameters(scene)})

@@ -256,6 +256,55 @@ def test_a_lag_is_no_hysteresis(lag, column):
     assert abs(mean - size) < 3.0 * sd
 
 
+@pytest.mark.parametrize("name, variant", [
+    ("rate", "square"), large("temperature", "value"), large("pressure", "value")])
+def test_noise_that_follows_a_column_is_no_burst(name, variant):
+    """Whether it grows with the size of a motion or, by so many per cent a kelvin, with
+    a temperature; and the next record of that sensor, of another motion, is as told.
+    """
+    hypotheses = [sensorid.hypothesis("random_walk", sigma_w=(0.002, 0.008),
+                                      sigma_v=(0.4, 1.4))]
+
+    def recorded(seed, most):
+        """A record and its column, which reaches so far."""
+        rng = np.random.default_rng(seed)
+        x = np.cumsum(signal.lfilter([0.05], [1.0, -0.95], rng.standard_normal(4000)))
+        x *= most / np.abs(x).max()
+        strength = np.hypot(1.0, x / 30.0) if variant == "square" else np.exp(
+            0.01 * (x - 10.0))
+        return strength * rng.standard_normal(4000) + np.cumsum(
+            0.004 * rng.standard_normal(4000)), {name: x}
+    y, columns = recorded(7, 60.0)
+    d = sensorlab.diagnose(y, 0.01, hypotheses, columns)
+    assert d.verdict == "noise_sensitivity"
+    found, = d.found
+    mean, sd = found.values["ratio"]
+    about, per = (found.values[symbol][0] for symbol in ("about", "per"))
+    truth = np.hypot(1.0, per / 30.0) if variant == "square" else np.exp(0.01 * per)
+    assert (found.column, found.variant) == (name, variant)
+    assert abs(mean - truth) < 3.0 * sd < 0.3 * truth and d.closure.closed > 0.8
+    assert about == (0.0 if variant == "square" else columns[name].mean())
+    y, columns = recorded(8, 30.0)
+    again = sensorlab.diagnose(y, 0.01, sensorlab.augmented(d), columns)
+    assert again.verdict == "none"
+
+
+def test_a_simulator_whose_low_pass_follows_a_column_is_refused():
+    x, rng = np.arange(300.0), np.random.default_rng(1)
+    effects = (
+        sensorlab.Found(sensorlab.CATALOGUE["bandwidth"], values=dict(
+            tau=sensorid.Parameter("tau", 2.0, 2.0))),
+        sensorlab.Found(sensorlab.CATALOGUE["noise_sensitivity"], "rate", "square", {
+            symbol: sensorid.Parameter(symbol, v, v) for symbol, v in dict(
+                ratio=3.0, about=0.0, per=300.0).items()}))
+    with pytest.raises(ValueError, match="leave one of them out"):
+        sensorlab.diagnose(rng.standard_normal(300), 1.0, sensorlab.Simulator(
+            tuple(WHITE), (effects,)), dict(rate=x))
+    with pytest.raises(ValueError, match="needs a column rate"):
+        sensorlab.diagnose(rng.standard_normal(300), 1.0, sensorlab.Simulator(
+            tuple(WHITE), (effects[1:],)))
+
+
 @pytest.mark.large
 def test_noise_of_another_law_is_no_wrong_parameter():
     # of the variance that the simulator has, to a fiftieth

@@ -115,10 +115,13 @@ def test_what_is_found_after_a_low_pass_passes_it_unless_it_is_of_white_noise():
 @pytest.mark.parametrize("name, variant", [
     ("random_walk", ""), ("correlated_noise", ""), ("bias_instability", ""),
     ("narrow_band_noise", ""), ("bandwidth", "first order"), ("blue_noise", ""),
-    ("bandwidth", "second order"), ("noise_step", ""), ("walk_step", "")])
+    ("bandwidth", "second order"), ("noise_step", ""), ("noise_sensitivity", "value"),
+    ("noise_sensitivity", "square"), ("walk_step", "")])
 def test_processes_have_the_covariance_that_is_written(name, variant):
-    scene = Scene(np.zeros(200), DT, {})
-    h = member(scene, MODEL[1]).with_effect(CATALOGUE[name], variant)
+    x = 0.02 * np.arange(-80.0, 120.0)
+    scene, effect = Scene(np.zeros(200), DT, dict(rate=x)), CATALOGUE[name]
+    h = member(scene, MODEL[1]).with_effect(effect, variant, "rate" * bool(
+        effect.column))
     t, eye = np.arange(200), np.eye(200)
     lag = np.abs(t[:, None] - t)
     base, a = 0.81 * np.exp(-lag / 300.0), np.exp(-0.5)
@@ -142,6 +145,10 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
             1.0 + a) * shaped([1.0, -1.0], [1.0, -a], lag)),
         ("noise_step", ""): ((120.0, 3.0), base + 0.16 * eye * np.where(
             t >= 120, 9, 1)),
+        ("noise_sensitivity", "value"): ((3.0, 0.5, 4.0), base + 0.16 * eye * 9.0**((
+            x - 0.5) / 4.0)),
+        ("noise_sensitivity", "square"): ((3.0, 0.5, 4.0), base + 0.16 * eye * (
+            1.0 + 8.0 * (x - 0.5)**2 / 16.0)),
         ("walk_step", ""): ((120.0, 3.0), 0.16 * eye + driven(0.81, np.exp(
             -1.0 / 300.0), np.where(t >= 120, 9, 1))),
     }[name, variant]
@@ -155,7 +162,7 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
             filters.log_likelihoods(h, scene, (), theta),
             filters.predict(h, scene, (), theta).log_likelihood[0]):
         assert_allclose(log_likelihood, dense.logpdf(y[seen]), rtol=1e-8)
-    if name != "noise_step":
+    if not name.startswith("noise"):
         assert_allclose(filters.solve(h, scene, (), theta).base,
                         dense.logpdf(y[seen]), rtol=1e-8)
 
@@ -288,8 +295,9 @@ def test_simulated_noises_have_the_variance_that_is_written():
     h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0)
     scene = Scene(np.zeros(20000), DT, {})
 
-    def altered(*effects):
-        return simulate_effects(Simulator((h,), (effects,)), scene, seed=2).error[0]
+    def altered(*effects, beside={}):
+        return simulate_effects(Simulator((h,), (effects,)), scene._replace(
+            columns=beside), seed=2).error[0]
 
     def drawn(effect, variant="", **values):
         return altered(Found(CATALOGUE[effect], variant=variant, values={
@@ -297,6 +305,11 @@ def test_simulated_noises_have_the_variance_that_is_written():
     y = drawn("noise_step", onset=10000.0, ratio=2.0)
     assert_allclose([y[:10000].std(), y[10000:].std()], [1.0, 2.0], rtol=0.03)
     assert_allclose(drawn("correlated_noise", tau=5.0, sigma=2.0).var(), 5.0, rtol=0.1)
+    x = np.repeat([-3.0, 0.0, 4.0], [5000, 10000, 5000])
+    turned = altered(Found(CATALOGUE["noise_sensitivity"], "rate", "square", fixed(
+        ratio=3.0, about=0.0, per=4.0)), beside=dict(rate=x))
+    assert_allclose([turned[own].std() for own in (x < 0.0, x == 0.0, x > 0.0)],
+                    [np.sqrt(1.0 + 8.0 * 9.0 / 16.0), 1.0, 3.0], rtol=0.03)
     y = drawn("bandwidth", tau=3.0)
     a = np.exp(-1 / 3)
     assert_allclose(y.var(), (1 - a) / (1 + a), rtol=0.05)
@@ -341,12 +354,13 @@ def test_simulated_noises_have_the_variance_that_is_written():
     (e.name, v) for e in CATALOGUE.values() if e.model and not e.reading
     for v in e.variants or ("",)])
 def test_a_bank_with_effects_is_that_of_its_filters(name, variant):
-    scene = Scene(np.sin(np.arange(200.0)), DT, {})
+    scene = Scene(np.sin(np.arange(200.0)), DT, dict(rate=np.arange(-100.0, 100.0)))
     h = sensorid.hypothesis("markov", tau_m=(1.0, 100.0), sigma_m=(0.1, 1.0),
                             sigma_v=(0.5, 2.0))
-    m = member(scene, h).with_effect(CATALOGUE[name], variant).with_effect(
-        CATALOGUE["bias_instability" if name != "bias_instability"
-                  else "correlated_noise"])
+    effect = CATALOGUE[name]
+    m = member(scene, h).with_effect(
+        effect, variant, "rate" * bool(effect.column)).with_effect(CATALOGUE[
+            "bias_instability" if name != "bias_instability" else "correlated_noise"])
     theta = sensorid.at_quantiles(m.parameters, np.random.default_rng(1).random(
         (7, len(m.parameters))))
     assert m.elementwise

@@ -14,7 +14,8 @@ EFFECTS = (
     "second_order_drift", "turn_on_transient", "sinusoid", "temperature", "thermal_lag",
     "scale_factor", "nonlinearity", "latency", "lag", "g_sensitivity",
     "covariate", "hysteresis", "random_walk", "correlated_noise", "bias_instability",
-    "narrow_band_noise", "bandwidth", "blue_noise", "noise_step", "walk_step",
+    "narrow_band_noise", "bandwidth", "blue_noise", "noise_step",
+    "noise_sensitivity", "walk_step",
     "outliers", "noise_bursts", "random_telegraph", "random_steps", "quantization",
     "differential_nonlinearity", "saturation", "stuck", "repeated_samples",
     "wrong_parameter")

@@ -6,7 +6,7 @@ import numpy as np
 
 from sensorid import ShapingFilter, model_allan_variance
 from sensorlab.gap.catalogue import beside, join
-from sensorlab.gap.effects import Jumps, Scene, members
+from sensorlab.gap.effects import Jumps, Scene, Simulator, members
 from sensorlab.units import SI, factor, kind_of
 
 
@@ -111,7 +111,9 @@ def axis(model, unit=None, duration=3600.0):
     kind = kind_of(unit)
     si = factor(unit, next(u for u, k in SI.items() if k == kind))
     scene = Scene(np.zeros(round(duration / model.dt)), model.dt, {})
-    (member,), ((h, effects),) = members(model.simulator, scene), model.simulator.pairs
+    ((h, effects),) = model.simulator.pairs
+    (member,) = members(Simulator((h,), (tuple(
+        one for one in effects if not one.column),)), scene)
     theta = np.array([p.mean for p in member.parameters])
     jumps = Jumps(*(float(part[0]) for part in member.jumps(theta[None])))
     readings = {symbol: value for one in effects if one.effect.reading
@@ -143,7 +145,7 @@ def _ranges(member):
 def _strange(effects):
     """What of a model goes to no program, in words."""
     for one in effects:
-        if one.effect.columns:
+        if one.effect.columns or one.column:
             yield f"{one.name} is left out: {one.effect.equation}"
         elif one.name in ("noise_step", "walk_step"):
             yield f"{one.name}: the louder side counts for the whole"

@@ -4,7 +4,7 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 from scipy.stats import binom
 
 from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
@@ -13,7 +13,8 @@ from sensorlab.gap.effects import Effect, Found, Simulator, known_values, signat
 from sensorlab.gap.evidence import effort, integrate, log_sum, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, part_of, predict, solve
 from sensorlab.gap.mixtures import smoothed
-from sensorlab.gap.screens import LAWS, STRENGTHS, change_of_drive, usual_variance
+from sensorlab.gap.screens import (
+    LAWS, STRENGTHS, change_of_drive, noise_with, usual_variance)
 from sensorlab.gap.spectra import posterior_law
 
 
@@ -124,6 +125,10 @@ def guesses_from(past, number, h, scene, signatures):
     driven = h.driven
     if driven and driven.key not in [one.key for one in other.effects]:
         return [*result, _before_change(h, keys, scene, signatures, other, sample)]
+    for one in h.effects:
+        if one.column and one.key not in [own.key for own in other.effects]:
+            return [*result, _louder_with(one, h, keys, scene, signatures, other,
+                                          sample, kept)]
     changed = [(one.key, symbol) for one in h.effects if one.effect.search == "onset"
                for symbol in one.values]    # a spectrum tells nothing of these
     if not set(keys) & set(changed) <= set(known) or (
@@ -163,6 +168,33 @@ def _before_change(h, keys, scene, signatures, other, sample):
     near = np.array([x]), np.array([[np.exp(x * x) * 2.0 * np.pi / STRENGTHS**2]])
     return _spread(keys, free, *told, _spread(keys, [ratio], *near)
                    if ratio in keys else None)
+
+
+def _louder_with(one, h, keys, scene, signatures, other, sample, kept):
+    """The law of the free parameters `keys` of a hypothesis whose white noise follows a
+    column: what the scores of another tell, which is even, all else `kept`.
+    """
+    seen = predict(other, scene, signatures, sample.likeliest[None])
+    told = noise_with(scene, one, seen.z[0, 0])
+    priors, likeliest = dict(zip(h.keys, h.parameters)), dict(zip(
+        other.keys, sample.likeliest))
+    own = {(one.key, "ratio"): (told.ratio, told.off)}
+    own.update((key, (told.rest * likeliest[key], told.off)) for key in keys
+               if key[1] == "sigma_v" and key in likeliest)
+    near = np.array([[_coordinate(priors[key], value * np.exp(step * off))
+                      for step in (-1.0, 0.0, 1.0)]
+                     for key, (value, off) in own.items()])
+    return _spread(keys, list(own), near[:, 1], np.diag(
+        (0.5 * (near[:, 2] - near[:, 0]))**2 + NARROWEST**2), kept)
+
+
+COORDINATES = np.linspace(-4.0, 4.0, 801)    # of a prior
+NARROWEST = 0.01    # standard deviation of one, of a law from which nodes are moved
+
+
+def _coordinate(prior, value):
+    """Where a prior that is N(0, 1) has a value; about, and not far out."""
+    return np.interp(value, prior.quantile(ndtr(COORDINATES)), COORDINATES)
 
 
 def _spread(keys, own, mean, cov, rest=None):
@@ -397,6 +429,9 @@ def in_place(simulator, acc, scene):
     return simulator._replace(effects=tuple(effects))
 
 
+SAME = 1e-12    # relative: a number of which weights have made a mean
+
+
 def _with_numbers(acc, theta, widths, sized):
     """The hypothesis and the effects of `as_simulated` at one theta (p,)."""
     base = acc.bases[acc.best].hypothesis
@@ -421,6 +456,8 @@ def _with_numbers(acc, theta, widths, sized):
 
 def around(p, value, width):
     """A parameter known to +- width, within its prior if the value is."""
+    if not p.free and np.isclose(value, p.low, rtol=SAME, atol=0.0):
+        return p    # but for rounding
     low = max(value - width, p.low) if value >= p.low else value
     high = min(value + width, p.high) if value <= p.high else value
     return Parameter(p.symbol, low, high)

@@ -483,6 +483,28 @@ def _noise_step(scene, filt, onset, ratio):
     return filt._replace(Psi=times)
 
 
+def _noise_sensitivity(scene, filt, ratio, about, per, x, variant=""):
+    if not filt.Psi.any():
+        return filt
+    return filt._replace(Psi=filt.Psi * louder_with(x, ratio, about, per, variant))
+
+
+def louder_with(x, ratio, about, per, variant=""):
+    """How many times as strong (..., N) white noise is, by a column x (N,)."""
+    u = (x - about) / per
+    return np.sqrt(np.maximum(1.0 + (ratio**2 - 1.0) * u**2, 0.0)) if (
+        variant == "square") else ratio**u
+
+
+def _whole_range(x, variant):
+    """What the strength of white noise is relative to: it is as the simulator says at
+    zero, or at the mean, and ratio times as strong a whole range away.
+    """
+    if variant == "square":
+        return dict(about=0.0, per=float(np.abs(x).max()))
+    return dict(about=float(x.mean()), per=float(np.ptp(x)))
+
+
 def _drive(scene, onset, ratio):
     return np.searchsorted(scene.time, onset), ratio
 
@@ -980,6 +1002,15 @@ CATALOGUE = {effect.name: effect for effect in (
                     "on; onset in s",
            resembles="outliers in clusters",
            experiment="look for what was switched on at the onset"),
+    Effect("noise_sensitivity", model=_noise_sensitivity, elementwise=True,
+           column="any", variants=("value", "square"), relative_to=_whole_range,
+           parameters=lambda s: (_log("ratio", 1.0 / 30.0, 30.0),),
+           equation="the white noise becomes ratio^u times as strong, or sqrt(1 + "
+                    "(ratio^2 - 1) u^2) times, u = (x - about) / per; about and per "
+                    "in units of x",
+           resembles="bursts of noise, change of the noise, outliers",
+           experiment="hold that quantity at several values, compare the Allan "
+                      "deviations"),
     Effect("walk_step", model=_walk_step, drive=_drive, elementwise=True,
            search="onset",
            parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 1.0 / 30.0, 30.0)),
@@ -1050,6 +1081,15 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="correlated noise, bandwidth",
            experiment="compare the Allan deviation with the data sheet, unit by unit"),
 )}
+
+
+def columns_for(effect, scene):
+    """Names of the columns of a scene beside which an effect is looked for, [""] if it
+    needs none.
+    """
+    named = {name for other in CATALOGUE.values() for name in other.named}
+    return [name for name, x in scene.columns.items()
+            if np.std(x) > 0.0 and effect.takes(name, named)] if effect.column else [""]
 
 
 FAMILIES = (    # effects that a record may show to be one of them, but not which

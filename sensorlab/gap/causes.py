@@ -11,7 +11,7 @@ from sensorid import (
 from sensorlab.gap.account import (
     Account, account, evidence_error, fixed, for_processes, for_signatures, gaussian,
     guesses_from, mean_evidence, solved_by)
-from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.catalogue import CATALOGUE, columns_for
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import (
     directed, estimate_signature, estimated_beside, nodes_for, onsets_nearby,
@@ -22,8 +22,8 @@ from sensorlab.gap.filters import filter_of, log_likelihoods, part_of, predict
 from sensorlab.gap.lowpass import families_passing, low_pass_of, signature_passing
 from sensorlab.gap.readings import NOISY, as_read, less_rounding
 from sensorlab.gap.screens import (
-    FEW, HEAD, LITTLE, SCREENS, change_of_drive, change_of_level, screened,
-    usual_variance)
+    FEW, HEAD, LITTLE, SCREENS, change_of_drive, change_of_level, noise_with,
+    screened, usual_variance)
 from sensorlab.gap.signatures import families
 from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
 from sensorlab.gap.steps import RECENT
@@ -139,9 +139,9 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
     causes = [Cause((), float(alone), 0.0, error[0])]
     for group, off in zip(groups, error[1:]):
         rival, probability = rivals[group[0]], share[group].sum()
-        column = "" if rival.effect.factor else _either(
-            [rivals[i].at for i in group if rivals[i].at
-             and share[i] > 0.1 * share[group[0]]])
+        column = "" if rival.effect.factor else _either(list(dict.fromkeys(
+            rivals[i].at for i in group if rivals[i].at
+            and share[i] > 0.1 * share[group[0]])))
         if rival.family and (probability > LISTED_FROM / effort(scene)
                              or chosen and group[0] == weighed.best):
             _, one = signatures[rival.family]
@@ -282,22 +282,34 @@ class _Inside(_Where):
         """The scene and the account that an effect is to join."""
         return (self.scene, self.acc) if effect.jumps else (self.plain, self.reference)
 
+    @functools.cached_property    # of several effects
+    def scores(self):
+        """Normal scores (N,) of the account, and the variance of most innovations."""
+        acc = self.acc
+        seen = predict(acc.member, self.scene, acc.signatures, acc.theta[None])
+        return seen.z[0, 0], usual_variance(seen.z[0, 0], seen.log_score[0, 0])
+
     def promised(self, effect):
-        """(variant, hypotheses with an effect in it, about ln B) of each variant; NaN
-        if its spectrum tells nothing.
+        """(column and variant, hypotheses with an effect in it, about ln B) of each;
+        NaN if neither its spectrum nor its column tells anything.
         """
         if effect.name not in self._known:
             scene, start = self.start(effect)
-            every = _different((variant, [h.with_effect(effect, variant)
-                                          for h in after])
-                               for after in _after_low_passes(effect, start)
-                               for variant in effect.variants or ("",))
-            self._known[effect.name] = [(variant, *self._told(
-                effect, scene, start, richer)) for variant, richer in every]
+            every = _different((
+                (column, variant), [h.with_effect(effect, variant, column)
+                                    for h in after])
+                for after in _after_low_passes(effect, start)
+                for column in columns_for(effect, scene)
+                for variant in effect.variants or ("",))
+            self._known[effect.name] = [(form, *self._told(
+                effect, scene, start, richer)) for form, richer in every]
         return self._known[effect.name]
 
     def _told(self, effect, scene, start, richer):
         """Hypotheses with an effect in it, and about ln B."""
+        if effect.column:
+            return richer, noise_with(scene, richer[0].effects[-1],
+                                      self.scores[0]).about
         if effect.search not in BY_SPECTRA:
             return richer, np.nan
         richer, told = _promising(scene, start, richer, self.spectra)
@@ -313,9 +325,9 @@ class _Inside(_Where):
         """
         say(f"fitting {effect.name.replace('_', ' ')}", 4 if effect.jumps else 1)
         (scene, start), result = self.start(effect), []
-        for variant, richer, told in self.promised(effect):
+        for (column, variant), richer, told in self.promised(effect):
             if told < least:
-                result.append(_Rival(effect, "", told, variant=variant))
+                result.append(_Rival(effect, column, told, variant=variant))
                 continue
             new = account(scene, self.acc.bases, richer, self.acc.signatures,
                           self.acc.readings, start, _floor(start, best))
@@ -327,7 +339,7 @@ class _Inside(_Where):
             if steps < FEWEST_STEPS:
                 continue
             best = max(best, here)
-            result.append(_Rival(effect, "", here, account=new,
+            result.append(_Rival(effect, column, here, account=new,
                                  values=_values(new.member.effects[-1], new),
                                  variant=variant))
         return result
@@ -399,9 +411,7 @@ def _floor(acc, best):
 def _told_by_screens(inside, effects):
     """About ln B of each effect inside the filter; NaN where no screen knows it."""
     scene, plain, acc, reference = inside
-    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
-    z = seen.z[0, 0]
-    variance = usual_variance(z, seen.log_score[0, 0])
+    z, variance = inside.scores
 
     def told(effect):
         if effect.drive and effect.name not in SCREENS:
@@ -411,11 +421,11 @@ def _told_by_screens(inside, effects):
             return max(change_of_level(effect, scene, acc.member, acc.signatures,
                                        acc.theta), _told_by_spectra(
                 [h.with_effect(effect) for h in acc.hypotheses], scene, acc))
+        if effect.search in BY_SPECTRA or effect.column:
+            return max(told for *_, told in inside.promised(effect))
         if effect.model and not effect.search:
             return _told_by_spectra([h.with_effect(effect) for h in
                                      reference.hypotheses], plain, reference)
-        if effect.search in BY_SPECTRA:
-            return max(told for *_, told in inside.promised(effect))
         about = screened(effect, scene, z, variance)
         if effect.name == "outliers" and any(
                 one.effect.of_all for one in acc.member.effects):
@@ -520,7 +530,10 @@ def _values(own, acc):
     may be another.
     """
     sample, result = acc.sample, {}
-    for symbol in own.values:
+    for symbol, prior in own.values.items():
+        if not prior.free:
+            result[symbol] = prior.low, 0.0
+            continue
         value = acc.member.value(sample.theta, own.key, symbol)
         mean = sample.weight @ value
         result[symbol] = float(mean), float(np.sqrt(sample.weight @ (value - mean)**2))
@@ -669,8 +682,8 @@ def _seen_elsewhere(scene, acc, plain, reference, rival, one, found):
     near = onsets_nearby(scene, one, NEARBY)
     if len(near) < 2:
         return searched, (one, found)
-    part = slice(None) if acc.member.onsets or acc.member.driven else (
-        part_about(scene, one))
+    part = part_about(scene, one) if acc.member.is_even and (
+        reference.member.is_even) else slice(None)
     seen, sought = (np.array([log_likelihoods(own.member, *part_of(
         at, (*own.signatures, other), part), own.theta[None])[0] for other in near])
         for at, own in ((scene, acc), (plain, reference)))
@@ -882,10 +895,15 @@ def _has_room(effect, acc):
         return False
     if effect.search == "onset" and acc.member.onsets:    # one change of noise
         return False
-    richer = [h.with_effect(effect) for h in acc.hypotheses]
-    if richer[0].levels > 1:
+    columns = columns_for(effect, acc.member.scene)
+    if not columns:
+        return False
+    richer = [h.with_effect(effect, column=columns[0]) for h in acc.hypotheses]
+    if richer[0].levels > 1 or not all(h.can_be_filtered for h in richer):
         return False
     if max(h.order for h in richer) > MOST_STATES:
+        return False
+    if effect.column and any(h.is_even for h in richer):    # no white noise is left
         return False
     return not effect.drive or effect.of_white or any(
         h.at_mean[-1].Gamma.any() for h in richer)
@@ -1069,7 +1087,10 @@ def _widened(h, sample, key, factor, scene, signatures):
     low, high = p.low / factor, p.high * factor
     for one in h.effects:
         if one.key == effect:
-            (prior,) = [q for q in one.effect.parameters(h.scene) if q.symbol == symbol]
+            prior = next((q for q in one.effect.parameters(h.scene)
+                          if q.symbol == symbol), None)
+            if prior is None:    # what its column is measured in is not wrong
+                return h, False
             low, high = min(prior.low, p.low), max(prior.high, p.high)
     wide = h.with_prior(key, Beyond(symbol, low, high, p.low, p.high))
     return wide, _pushed(p, sample, column) or _pulled(

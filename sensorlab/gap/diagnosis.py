@@ -382,7 +382,7 @@ def _simulator(simulator):
 def _check_recorded(simulator, raw):
     """Refuse a record without a column that the simulator's effects need."""
     for one in simulator.pairs[0][1]:
-        if one.effect.columns and one.column and one.column not in raw.columns:
+        if one.column and one.column not in raw.columns:
             raise ValueError(f"{one.name} of the simulator needs a column {one.column}:"
                              " beside the error is "
                              f"{', '.join(raw.columns) or 'nothing'} (--covariates "
@@ -422,6 +422,10 @@ def _without_known(simulator, raw, latent=None, centred=False):
             added += signature_of(raw, known[-1], known_values(known[-1]))
     y = raw.y - added
     bases = members(simulator, raw._replace(y=y))
+    if not all(h.can_be_filtered for h in bases):
+        raise ValueError("bandwidth and noise_sensitivity of the simulator: a low-pass "
+                         "passes noise that changes but once here; leave one of them "
+                         "out")
     mean, spread, offset = float(np.nanmean(y)), float(np.nanstd(y)), 0.0
     if abs(mean) > UNEXPECTED * expected_mean(bases, raw.dt, len(y)):
         # a bias that the simulator does not expect must not pass for an effect

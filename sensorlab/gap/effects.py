@@ -94,7 +94,8 @@ class Effect(NamedTuple):
                                 # column beside the error, psi the parameter,
                                 # or a tuple where there are several
     model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
-                                # takes the variant, where there are variants
+                                # takes the variant, where there are variants, and x,
+                                # the column beside the error, where there is one
     variants: tuple = ()        # forms of a model; "" is the first
     of_all: tuple = ()          # those that act on all processes, found before or
                                 # since; "... white noise" are not
@@ -115,6 +116,8 @@ class Effect(NamedTuple):
     factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
                                 # all standard deviations
     parameters: Callable = nothing    # of the scene: priors of all that is no size
+    relative_to: Callable = None    # (x, variant) -> numbers by name, of the column and
+                                # the form, that a model beside a column also takes
     search: str = ""            # how psi is found: "onset", "frequency", "waves" (in
                                 # an envelope, which they are at frequency 0), "pulse"
                                 # (its variants are among `onsets.SHAPES`), else by a
@@ -270,6 +273,8 @@ class Member(NamedTuple):
         for one in self.in_turn:
             if one.effect.model:
                 form = dict(variant=one.variant) if one.effect.variants else {}
+                if one.column:
+                    form["x"] = self.scene.columns[one.column]
                 filt = one.effect.model(self.scene, filt, **form, **values[one.key])
                 stages.append(filt)
         return stages
@@ -277,11 +282,12 @@ class Member(NamedTuple):
     @property
     def in_turn(self):
         """Its effects in the order in which they act: what drives states comes first,
-        then the state that jumps move; a low-pass that all passes after all processes;
-        what alters the values after all that makes them: it does not smooth rounding.
+        and what a column makes of the white noise, then the state that jumps move; a
+        low-pass that all passes after all processes; what alters the values after all
+        that makes them: it does not smooth rounding.
         """
         return sorted(self.effects, key=lambda one: (
-            not one.effect.drive, not one.effect.jumps,
+            not (one.effect.drive or one.column), not one.effect.jumps,
             one.effect.comes_last or bool(one.effect.reading),
             one.acts_on_all))
 
@@ -298,6 +304,18 @@ class Member(NamedTuple):
         """
         states = [len(filt.m0) for filt in self.at_mean]
         return states[0] + int(np.minimum(np.diff(states), 2).sum())
+
+    @property
+    def is_even(self):
+        """Is its noise the same at all times?"""
+        filt = self.at_mean[-1]
+        return filt.Psi.shape[-1] == len(filt.Gamma) == 1
+
+    @property
+    def can_be_filtered(self):
+        """Does what drives its states change but once, if at all?"""
+        even, _ = self.evenly_driven(np.zeros((1, len(self.parameters))))
+        return len(even.at_mean[-1].Gamma) == 1
 
     @property
     def own_states(self):
@@ -394,10 +412,13 @@ class Member(NamedTuple):
                 if (one.key, symbol) in known else p
                 for symbol, p in one.values.items()}) for one in self.effects))
 
-    def with_effect(self, effect, variant=""):
+    def with_effect(self, effect, variant="", column=""):
         """The same with one more effect, its parameters free."""
-        return self.joined(Found(effect, variant=variant, values={
-            p.symbol: p for p in effect.parameters(self.scene)}))
+        priors = {p.symbol: p for p in effect.parameters(self.scene)}
+        if effect.relative_to:
+            priors.update((symbol, Parameter(symbol, v, v)) for symbol, v in (
+                effect.relative_to(self.scene.columns[column], variant).items()))
+        return self.joined(Found(effect, column, variant, priors))
 
     def joined(self, one):
         """The same with one more effect as `Found`, of a key of its own."""
@@ -458,9 +479,10 @@ def members(simulator, scene):
         member = Member(h, scene, joint=simulator.joint)
         for one in effects:
             if (one.effect.model or one.effect.jumps) and not one.effect.reading:
+                symbols = [p.symbol for p in one.effect.parameters(scene)]
                 member = member.joined(one._replace(values={
-                    p.symbol: one.values[p.symbol]
-                    for p in one.effect.parameters(scene)}))
+                    symbol: one.values[symbol]
+                    for symbol in dict.fromkeys([*symbols, *one.values])}))
         if member.levels > 1:
             raise ValueError(f"{h.name} has several of random_telegraph, noise_bursts "
                              "and random_steps: a simulator takes one of them")

@@ -8,9 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import LOG_2PI, mesh, middles, side_by_side
+from sensorlab.gap.catalogue import louder_with
 from sensorlab.gap.filters import log_likelihoods, part_of, predict
 from sensorlab.gap.kernels import KERNEL, LANES
 from sensorlab.gap.mixtures import smoothed
@@ -27,6 +29,7 @@ DRIVEN = 1.0, 0.5, 0.25    # times as strongly, where a level explains some of i
 QUIET_SCALES = np.geomspace(0.5, 1.0, 4)    # of the samples outside bursts
 OF_BURSTS = 5     # values of each of their parameters that are tried
 PARTS = 2**14     # of a record, at most, each of which is in a burst or not
+OF_COLUMN = 512   # parts of its range
 
 
 def screened(effect, scene, z, variance):
@@ -42,6 +45,42 @@ def screened(effect, scene, z, variance):
     gain = screen(scene, effect.parameters(scene), z, variance)
     # two more parameters: as for an account, no more than by Akaike's correction
     return float(min(logsumexp(gain) - np.log(gain.size), gain.max() - 2.0))
+
+
+class Louder(NamedTuple):
+    """What normal scores tell of white noise that follows a column."""
+
+    about: float    # ln B
+    ratio: float    # likeliest
+    off: float      # standard deviation of its logarithm
+    rest: float     # times as strong as the filter has it, where the column is `about`
+
+
+def noise_with(scene, one, z):
+    """`Louder` of an effect, `Found` with its ratio free, from normal scores as
+    `screened` has them; by Laplace's method.
+    """
+    prior, *known = one.values.values()
+    x, seen, known = scene.columns[one.column], ~np.isnan(z), [p.low for p in known]
+    many, edges = np.histogram(x[seen], OF_COLUMN, (x.min(), x.max()))
+    square, _ = np.histogram(x[seen], edges, weights=z[seen]**2)
+    middle, low, high = 0.5 * (edges[1:] + edges[:-1]), *np.log([prior.low, prior.high])
+
+    def rest(log_ratio):
+        louder = louder_with(middle, np.exp(log_ratio), *known, one.variant)
+        return louder, (square / louder**2).sum() / many.sum()
+
+    def gain(log_ratio):
+        louder, even = rest(log_ratio)
+        return -0.5 * many.sum() * np.log(even / square.sum() * many.sum()) - (
+            many @ np.log(louder))
+    best = minimize_scalar(lambda at: -gain(at), bounds=(low, high), method="bounded").x
+    most, apart = gain(best), 1e-2
+    bent = (2.0 * most - gain(best - apart) - gain(best + apart)) / apart**2
+    off = 1.0 / np.sqrt(max(bent, 1e-9))
+    return Louder(float(most + min(np.log(np.sqrt(2.0 * np.pi) * off / (high - low)),
+                                   -1.0)), float(np.exp(best)), float(off),
+                  float(np.sqrt(rest(best)[1])))
 
 
 def usual_variance(z, log_score):

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from sensorid import INSIDE, brief, mesh
-from sensorlab.gap.catalogue import CATALOGUE, LASTS
+from sensorlab.gap.catalogue import LASTS, columns_for
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
 from sensorlab.gap.filters import HARMLESS, MEMORY, cut, summed
 from sensorlab.gap.kernels import KERNEL, row_products
@@ -137,15 +137,11 @@ PER_E_FOLD = 5    # of one whose logarithm is even
 def families(scene, effects, signatures=()):
     """What there is to be searched for in a scene."""
     known = {(s.found.name, s.found.column) for s in signatures if not s.given}
-    named = {name for c in CATALOGUE.values() for name in c.named}
     result = []
     for effect in effects:
         if not effect.columns:
             continue
-        beside = [""] if not effect.column else [
-            name for name, x in scene.columns.items()
-            if np.std(x) > 0.0 and effect.takes(name, named)]
-        for column in beside:
+        for column in columns_for(effect, scene):
             if not effect.search and (effect.name, column) in known:
                 continue
             priors = effect.parameters(scene)

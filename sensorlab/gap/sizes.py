@@ -71,7 +71,8 @@ def unit_of(symbol, unit, column=""):
         return unit
     return dict(frequency="Hz", phase="rad", slope=f"{unit}/s", curvature=f"{unit}/s^2",
                 sigma_w=f"{unit} per sample", rate="of the samples",
-                coefficient=f"{unit} per unit of {column or 'its column'}"
+                coefficient=f"{unit} per unit of {column or 'its column'}",
+                per=f"of {column or 'its column'}"
                 ).get(symbol, "")
 
 

@@ -30,6 +30,7 @@ PHRASES = dict(
     random_walk="a random walk", correlated_noise="correlated noise",
     bias_instability="bias instability (flicker noise)",
     bandwidth="a limited bandwidth", noise_step="a change of the noise",
+    noise_sensitivity="white noise whose strength follows a column",
     walk_step="a change of what drives the random walk",
     outliers="outliers", noise_bursts="bursts of noise",
     random_telegraph="random telegraph noise", random_steps="random steps",
@@ -38,8 +39,9 @@ PHRASES = dict(
     wrong_parameter="the right value of a parameter",
     unknown="something that no effect of the catalogue explains")
 
-BESIDE = dict(covariate="a dependence on", hysteresis="a hysteresis in",
-              lag="a lag behind")    # the column that was found
+BESIDE = dict(    # the column that was found
+    covariate="a dependence on", hysteresis="a hysteresis in",
+    lag="a lag behind", noise_sensitivity="white noise whose strength follows")
 
 
 def phrase(effect, found=()):
