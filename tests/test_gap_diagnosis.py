@@ -289,20 +289,19 @@ def test_noise_that_follows_a_column_is_no_burst(name, variant):
     assert again.verdict == "none"
 
 
-def test_a_simulator_whose_low_pass_follows_a_column_is_refused():
-    x, rng = np.arange(300.0), np.random.default_rng(1)
-    effects = (
-        sensorlab.Found(sensorlab.CATALOGUE["bandwidth"], values=dict(
-            tau=sensorid.Parameter("tau", 2.0, 2.0))),
-        sensorlab.Found(sensorlab.CATALOGUE["noise_sensitivity"], "rate", "square", {
-            symbol: sensorid.Parameter(symbol, v, v) for symbol, v in dict(
-                ratio=3.0, about=0.0, per=300.0).items()}))
+def test_a_simulator_whose_low_passed_noise_changes_twice_is_refused():
+    x, y = np.arange(300.0), np.random.default_rng(1).standard_normal(300)
+    effects = tuple(
+        sensorlab.Found(sensorlab.CATALOGUE[name], column, values=account.fixed(**own))
+        for name, column, own in (
+            ("bandwidth", "", dict(tau=2.0)),
+            ("noise_step", "", dict(onset=200.0, ratio=2.0)),
+            ("noise_sensitivity", "rate", dict(ratio=3.0, about=0.0, per=300.0))))
     with pytest.raises(ValueError, match="leave one of them out"):
-        sensorlab.diagnose(rng.standard_normal(300), 1.0, sensorlab.Simulator(
-            tuple(WHITE), (effects,)), dict(rate=x))
+        sensorlab.diagnose(y, 1.0, sensorlab.Simulator(tuple(WHITE), (effects,)),
+                           dict(rate=x))
     with pytest.raises(ValueError, match="needs a column rate"):
-        sensorlab.diagnose(rng.standard_normal(300), 1.0, sensorlab.Simulator(
-            tuple(WHITE), (effects[1:],)))
+        sensorlab.diagnose(y, 1.0, sensorlab.Simulator(tuple(WHITE), (effects[2:],)))
 
 
 @pytest.mark.large

@@ -167,15 +167,21 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
                         dense.logpdf(y[seen]), rtol=1e-8)
 
 
-@pytest.mark.parametrize("effects", [("bandwidth", "noise_step"),
-                                     ("noise_step", "bandwidth")])
+@pytest.mark.parametrize("effects", [
+    ("bandwidth", "noise_step"), ("noise_step", "bandwidth"),
+    ("bandwidth", "noise_sensitivity"), ("noise_sensitivity", "bandwidth")])
 @pytest.mark.parametrize("variant", ["first order", "second order"])
 def test_a_change_of_the_noise_passes_the_low_pass(variant, effects):
     n, past, tau = 200, 200, 2.0
-    h = member(Scene(np.zeros(n), DT, {}), MODEL[1])
+    x = np.sin(0.05 * np.arange(n)) + 0.2
+    h = member(Scene(np.zeros(n), DT, dict(rate=x)), MODEL[1])
     for name in effects:
-        h = h.with_effect(CATALOGUE[name], variant if name == "bandwidth" else "")
-    times = np.where(np.arange(-past, n) >= 120, 3.0, 1.0)
+        h = h.with_effect(CATALOGUE[name], dict(
+            bandwidth=variant, noise_sensitivity="square").get(name, ""),
+            "rate" * (name == "noise_sensitivity"))
+    times = np.where(np.arange(n) >= 120, 3.0, 1.0) if "noise_step" in effects else (
+        np.hypot(1.0, np.sqrt(8.0) * x / 1.5))
+    times = np.append(np.full(past, times[0]), times)
     if variant == "first order":
         a = np.exp(-1.0 / tau)
         response = lfilter([1.0 - a], [1.0, -a], np.eye(past + n), axis=0)
@@ -184,7 +190,8 @@ def test_a_change_of_the_noise_passes_the_low_pass(variant, effects):
         low_passed = butterworth(tau, times)
     low_passed = 0.16 * low_passed[past:, past:]
     lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    own = dict(bandwidth=(tau,), noise_step=(120.0, 3.0))
+    own = dict(bandwidth=(tau,), noise_step=(120.0, 3.0),
+               noise_sensitivity=(3.0, 0.0, 1.5))
     theta = np.array([300.0, 0.9, 0.4, *own[effects[0]], *own[effects[1]]])
     y = np.random.default_rng(5).standard_normal(n)
     expected = multivariate_normal(

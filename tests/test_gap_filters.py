@@ -323,9 +323,9 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
         assert_array_equal(one.pair, [1, 0, 2])
         out = np.full((2, 2, 5, 60), np.nan)
         total = mixtures.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
-                                        one.later, r, outlier, jump, out, moved=2)
+                                        one.rise, r, outlier, jump, out, moved=2)
         said.append((total, out, *kernels.adjoint(
-            np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, one.later,
+            np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, one.rise,
             r)))
     for one, other in zip(*said):
         assert_allclose(one, other, rtol=1e-9, atol=1e-11)

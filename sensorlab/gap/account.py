@@ -122,13 +122,13 @@ def guesses_from(past, number, h, scene, signatures):
     axes = list(known.values())
     kept = _spread(keys, list(known), mean[axes], cov[np.ix_(axes, axes)])
     result = [kept] if known else []
-    driven = h.driven
-    if driven and driven.key not in [one.key for one in other.effects]:
-        return [*result, _before_change(h, keys, scene, signatures, other, sample)]
     for one in h.effects:
         if one.column and one.key not in [own.key for own in other.effects]:
             return [*result, _louder_with(one, h, keys, scene, signatures, other,
                                           sample, kept)]
+    driven = h.driven
+    if driven and driven.key not in [one.key for one in other.effects]:
+        return [*result, _before_change(h, keys, scene, signatures, other, sample)]
     changed = [(one.key, symbol) for one in h.effects if one.effect.search == "onset"
                for symbol in one.values]    # a spectrum tells nothing of these
     if not set(keys) & set(changed) <= set(known) or (

@@ -472,21 +472,30 @@ def _level(scene, filt, dwell, sigma):
 
 
 def _noise_step(scene, filt, onset, ratio):
-    first = np.searchsorted(scene.time, onset)
-    if np.all(first == len(scene.y)):
+    if np.all(onset > scene.time[-1]):
         return filt
-    times = np.ones((*np.shape(first)[:-1], len(scene.y)))
-    for row, at, own in zip(np.atleast_2d(times), *map(np.ravel, np.broadcast_arrays(
-            first, ratio))):
+    return _with_white(filt, _stronger_from(scene, onset, ratio))
+
+
+def _stronger_from(scene, onset, ratio):
+    first, ratio = np.broadcast_arrays(np.searchsorted(scene.time, onset), ratio)
+    times = np.ones((*first.shape[:-1], len(scene.y)))
+    for row, at, own in zip(np.atleast_2d(times), first.ravel(), ratio.ravel()):
         row[at:] = own    # at many nodes it is long
-    times *= filt.Psi
-    return filt._replace(Psi=times)
+    return times
 
 
-def _noise_sensitivity(scene, filt, ratio, about, per, x, variant=""):
-    if not filt.Psi.any():
-        return filt
-    return filt._replace(Psi=filt.Psi * louder_with(x, ratio, about, per, variant))
+def _with_white(filt, times):
+    """A shaping filter whose white noise is so many times as strong."""
+    return filt._replace(Psi=filt.Psi * times) if filt.Psi.any() else filt
+
+
+def _noise_sensitivity(scene, filt, **values):
+    return _with_white(filt, _stronger_with(scene, **values))
+
+
+def _stronger_with(scene, ratio, about, per, x, variant=""):
+    return louder_with(x, ratio, about, per, variant)
 
 
 def louder_with(x, ratio, about, per, variant=""):
@@ -505,14 +514,9 @@ def _whole_range(x, variant):
     return dict(about=float(x.mean()), per=float(np.ptp(x)))
 
 
-def _drive(scene, onset, ratio):
-    return np.searchsorted(scene.time, onset), ratio
-
-
 def _walk_step(scene, filt, onset, ratio):
-    first, ratio = _drive(scene, onset, ratio)
-    return filt._replace(Gamma=filt.Gamma * np.where(
-        np.arange(len(scene.y)) < first, 1.0, ratio)[..., None, None])
+    return filt._replace(Gamma=filt.Gamma * _stronger_from(scene, onset, ratio)[
+        ..., None, None])
 
 
 def _rounding(scene, filt, lsb):
@@ -995,15 +999,16 @@ CATALOGUE = {effect.name: effect for effect in (
                     "of w - W sigma; tau in s, sigma in u",
            resembles="quantization of the angle, white noise that is low-passed",
            experiment="integrate: the angle has white noise"),
-    Effect("noise_step", model=_noise_step, drive=_drive, of_white=True,
+    Effect("noise_step", model=_noise_step, drive=_stronger_from, of_white=True,
            elementwise=True, search="onset",
            parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 0.1, 10.0)),
            equation="the white noise becomes ratio times as strong from t = onset "
                     "on; onset in s",
            resembles="outliers in clusters",
            experiment="look for what was switched on at the onset"),
-    Effect("noise_sensitivity", model=_noise_sensitivity, elementwise=True,
-           column="any", variants=("value", "square"), relative_to=_whole_range,
+    Effect("noise_sensitivity", model=_noise_sensitivity, drive=_stronger_with,
+           of_white=True, elementwise=True, column="any", variants=("value", "square"),
+           relative_to=_whole_range,
            parameters=lambda s: (_log("ratio", 1.0 / 30.0, 30.0),),
            equation="the white noise becomes ratio^u times as strong, or sqrt(1 + "
                     "(ratio^2 - 1) u^2) times, u = (x - about) / per; about and per "
@@ -1011,7 +1016,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="bursts of noise, change of the noise, outliers",
            experiment="hold that quantity at several values, compare the Allan "
                       "deviations"),
-    Effect("walk_step", model=_walk_step, drive=_drive, elementwise=True,
+    Effect("walk_step", model=_walk_step, drive=_stronger_from, elementwise=True,
            search="onset",
            parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 1.0 / 30.0, 30.0)),
            equation="the noise that drives the random walk, or the Markov process, "

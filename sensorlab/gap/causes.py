@@ -414,6 +414,8 @@ def _told_by_screens(inside, effects):
     z, variance = inside.scores
 
     def told(effect):
+        if effect.search in BY_SPECTRA or effect.column:
+            return max(told for *_, told in inside.promised(effect))
         if effect.drive and effect.name not in SCREENS:
             return change_of_drive(effect, plain, reference.member, acc.signatures,
                                    reference.theta).about
@@ -421,8 +423,6 @@ def _told_by_screens(inside, effects):
             return max(change_of_level(effect, scene, acc.member, acc.signatures,
                                        acc.theta), _told_by_spectra(
                 [h.with_effect(effect) for h in acc.hypotheses], scene, acc))
-        if effect.search in BY_SPECTRA or effect.column:
-            return max(told for *_, told in inside.promised(effect))
         if effect.model and not effect.search:
             return _told_by_spectra([h.with_effect(effect) for h in
                                      reference.hypotheses], plain, reference)

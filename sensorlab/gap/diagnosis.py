@@ -343,7 +343,7 @@ def _there_or_not(one):
     """What happened in a record at some time, as another record has it: of any size up
     to its own, or a noise that changes by any ratio up to its own.
     """
-    if one.effect.drive:
+    if one.effect.drive and not one.column:
         ratio = one.values["ratio"].mean
         return one._replace(values={**one.values, "ratio": Parameter(
             "ratio", min(ratio, 1.0), max(ratio, 1.0), True)})
@@ -423,9 +423,8 @@ def _without_known(simulator, raw, latent=None, centred=False):
     y = raw.y - added
     bases = members(simulator, raw._replace(y=y))
     if not all(h.can_be_filtered for h in bases):
-        raise ValueError("bandwidth and noise_sensitivity of the simulator: a low-pass "
-                         "passes noise that changes but once here; leave one of them "
-                         "out")
+        raise ValueError("two effects of the simulator change the noise that passes "
+                         "its low-pass: leave one of them out")
     mean, spread, offset = float(np.nanmean(y)), float(np.nanstd(y)), 0.0
     if abs(mean) > UNEXPECTED * expected_mean(bases, raw.dt, len(y)):
         # a bias that the simulator does not expect must not pass for an effect

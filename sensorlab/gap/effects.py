@@ -106,9 +106,9 @@ class Effect(NamedTuple):
                                 # reading does
     on_average: Callable = None    # the model with white noise of the mean variance,
                                 # where it makes some that changes
-    drive: Callable = None      # (scene, **parameters) -> sample from which on what
-                                # drives some states is so many times as strong, and how
-                                # many; the model says the same
+    drive: Callable = None      # as the model, but for the filter -> how many times as
+                                # strong (..., N) what drives some states is; the model
+                                # says the same
     of_white: bool = False      # these are the states of low-passed white noise; the
                                 # hypothesis's own, if not
     jumps: Callable = None      # (dt, **parameters) -> Jumps
@@ -272,22 +272,29 @@ class Member(NamedTuple):
         stages = [filt]
         for one in self.in_turn:
             if one.effect.model:
-                form = dict(variant=one.variant) if one.effect.variants else {}
-                if one.column:
-                    form["x"] = self.scene.columns[one.column]
-                filt = one.effect.model(self.scene, filt, **form, **values[one.key])
+                filt = one.effect.model(self.scene, filt, **self._form(one),
+                                        **values[one.key])
                 stages.append(filt)
         return stages
+
+    def _form(self, one):
+        """What a model takes beside the parameters of an effect."""
+        return dict(**dict(variant=one.variant) if one.effect.variants else {},
+                    **dict(x=self.scene.columns[one.column]) if one.column else {})
+
+    def strength(self, one, theta):
+        """How many times as strong (M, N) an effect makes a noise at theta (M, p)."""
+        return one.effect.drive(self.scene, **self._form(one), **{
+            symbol: value[:, None] for symbol, value in self.of(one, theta).items()})
 
     @property
     def in_turn(self):
         """Its effects in the order in which they act: what drives states comes first,
-        and what a column makes of the white noise, then the state that jumps move; a
-        low-pass that all passes after all processes; what alters the values after all
-        that makes them: it does not smooth rounding.
+        then the state that jumps move; a low-pass that all passes after all processes;
+        what alters the values after all that makes them: it does not smooth rounding.
         """
         return sorted(self.effects, key=lambda one: (
-            not (one.effect.drive or one.column), not one.effect.jumps,
+            not one.effect.drive, not one.effect.jumps,
             one.effect.comes_last or bool(one.effect.reading),
             one.acts_on_all))
 
@@ -313,7 +320,7 @@ class Member(NamedTuple):
 
     @property
     def can_be_filtered(self):
-        """Does what drives its states change but once, if at all?"""
+        """Does no more than one effect change what drives its states?"""
         even, _ = self.evenly_driven(np.zeros((1, len(self.parameters))))
         return len(even.at_mean[-1].Gamma) == 1
 

@@ -426,7 +426,7 @@ def _draw_onset(gain, peak, u):
     return onset, np.log((1.0 - STRAY_SHARE) * share * len(gain) + STRAY_SHARE)
 
 
-def draw_onsets(y, h, own, pair, early, late, u, least, most):
+def draw_onsets(y, h, own, pair, rise, early, late, u, least, most):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
     the log of their density over that of a uniform law from least to most.
 
@@ -434,32 +434,32 @@ def draw_onsets(y, h, own, pair, early, late, u, least, most):
     of variance late (M,) from there on nearly give the likelihood of every onset at
     once. A law to draw from need not be exact: gains are kept once they have settled,
     and what may be an outlier or follows a gap counts little. y (N,) is a record less
-    all constants, h (n,) observes the states.
+    all constants, h (n,) observes the states, whose noises rise (M, 1) from there on.
     """
     onset, density = np.zeros((2, len(u)))
     # as many on any machine, since gains are kept once those of all lanes have settled;
     # what a law needs is as long as the record
     lanes = LANES if len(y) > LONG_RECORD else min(
         MOST_LANES, LANES * groups(len(u), LANES))
-    in_threads(_draw_onset_groups, groups(len(u), lanes), lanes, y, h, own, pair, early,
-               late, u, least, most, onset, density)
+    in_threads(_draw_onset_groups, groups(len(u), lanes), lanes, y, h, own, pair, rise,
+               early, late, u, least, most, onset, density)
     return onset, density
 
 
 @njit(**KERNEL)
-def _draw_onset_groups(first, last, lanes, y, h, own, pair, early, late, u, least, most,
-                       onset, density):
+def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, early, late, u, least,
+                       most, onset, density):
     """Groups of `draw_onsets`."""
     (M, n), N = own.shape[1:], len(y)
     for group in range(first, last):
         start, number = group * lanes, min(lanes, M - group * lanes)
         node = np.minimum(start + np.arange(lanes), M - 1)
         parts, P = np.empty((6, n, lanes)), np.empty((n, n, lanes))
-        odds, at_once = np.zeros((N, lanes)), np.zeros(M, np.int64)
+        odds = np.zeros((N, lanes))
         for changed in range(2):
             load(own, pair, node, parts, P)
             if changed:
-                drive(own, node, at_once, 0, parts)
+                drive(own, node, rise, 0, True, parts)
             _add_scores(y, h, pair, parts, P, (late if changed else early)[node],
                         changed - 0.5, odds)
         peak = np.full(((most - least - 1) // ONSET_BIN + 1, lanes), -np.inf)
@@ -547,8 +547,9 @@ def onset_law(h, scene, signatures):
     def part_moved(theta):
         early, late = (parts_at(h, scene, at_onset(theta, when))
                        for when in (scene.duration, 0.0))
+        rise = late.rise[:, :1].copy() if len(late.rise) else np.zeros((len(theta), 1))
         onset, density = draw_onsets(
-            rest, early.h, early.own, early.pair, early.r[:, 0].copy(),
+            rest, early.h, early.own, early.pair, rise, early.r[:, 0].copy(),
             late.r[:, -1].copy(), (theta[:, at] - low) / (high - low), least, most)
         return at_onset(theta, onset * scene.dt), -density
     return OnsetLaw(moved, at)

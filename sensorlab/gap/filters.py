@@ -53,14 +53,13 @@ class Predicted(NamedTuple):
     __repr__ = brief
 
 
-NOISES = 16 * BLOCK    # variances of white noise that changes that are held at a time
+NOISES = 16 * BLOCK    # variances of noise that changes that are held at a time
 
 
 def in_parts(h, scene, theta):
-    """Theta (M, p) as parts of which the white noise, if it changes, is not too long.
-    """
+    """Theta (M, p) as parts of which what changes of the noise is not too long."""
     most = max(NOISES // len(scene.y), LANES)
-    if len(theta) <= most or _bank(h, scene, theta[:1]).r.size == 1:
+    if len(theta) <= most or not h.driven and _bank(h, scene, theta[:1]).r.size == 1:
         return [theta]
     return [theta[k:k + most] for k in range(0, len(theta), most)]
 
@@ -79,8 +78,7 @@ def _on_average(h, scene, theta):
     """`processes` of few nodes."""
     b, change = _bank(h, scene, theta), _change(h, scene, theta)
     if change:
-        early = change.first / len(scene.y)
-        b = _driven(b, change._replace(factor=early + (1.0 - early) * change.factor))
+        b = _driven(b, change.states, change.times.mean(1))
     own = _modes_of(h, b)
     return own._replace(r=own.r.mean(1, keepdims=True))
 
@@ -171,11 +169,10 @@ def _apart(b, own_states):
 
 
 class Change(NamedTuple):
-    """Some states are driven differently from a sample on, at M nodes."""
+    """Some states are not driven evenly, at M nodes."""
 
     states: np.ndarray    # their numbers
-    first: np.ndarray     # (M,) that sample
-    factor: np.ndarray    # (M,) of the variances of their noises
+    times: np.ndarray     # (M, N) as large the variances of their noises are
 
 
 def _change(h, scene, theta):
@@ -183,14 +180,15 @@ def _change(h, scene, theta):
     one = h.driven
     if not one:
         return None
-    first, ratio = one.effect.drive(scene, **h.of(one, theta))
-    return Change(h.states_driven(one.effect), first, ratio**2)
+    return Change(h.states_driven(one.effect),
+                  h.strength(one, theta)[:, :len(scene.y)]**2)
 
 
-def _driven(b, change):
-    """A bank whose states are driven as after a `Change` for good."""
-    own, factor = np.s_[..., change.states[:, None], change.states], change.factor[
-        :, None, None]
+def _driven(b, states, times):
+    """A bank of which some states are driven by noises of so many times (M,) the
+    variance.
+    """
+    own, factor = np.s_[..., states[:, None], states], times[:, None, None]
     Q, P0 = b.Q.copy(), b.P0.copy()
     Q[own] *= factor[..., None]
     P0[own] *= factor
@@ -272,12 +270,12 @@ class Parts(NamedTuple):
 
     own: np.ndarray     # (8, M, n) factors of a state and of the other one of its pair,
                         # variances of the noises and their covariances with that of
-                        # the other, both of the states at first, and those of the
-                        # noises from a later sample on
+                        # the other, both of the states at first, and what is added
+                        # to those of the noises, `rise` times
     pair: np.ndarray    # (n,) number of the other state, or its own
     h: np.ndarray       # (n,) what observes the states
     r: np.ndarray       # (M, 1 or N) variance of the white noise
-    later: np.ndarray = np.zeros(0, int)    # (M,) that sample; (0,) where none changes
+    rise: np.ndarray = np.zeros((0, 0))    # (M, N); (0, 0) where no noise changes
 
     __repr__ = brief
 
@@ -294,7 +292,7 @@ def parts_of(h, b):
     beside = (pair != np.arange(n)) * 1.0
     own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
            for part in (m[:, range(n), range(n)], m[:, range(n), pair] * beside)]
-    return Parts(np.array([*own, *own[2:4]]), pair, b.H[0, 0], b.r)
+    return Parts(np.array([*own, *np.zeros((2, *own[0].shape))]), pair, b.H[0, 0], b.r)
 
 
 def parts_at(h, scene, theta, b=None):
@@ -305,8 +303,10 @@ def parts_at(h, scene, theta, b=None):
     change = _change(h, scene, theta)
     if not change:
         return one
-    one.own[6:, :, change.states] *= change.factor[:, None]
-    return one._replace(later=change.first)
+    one.own[6:, :, change.states] = one.own[2:4, :, change.states]
+    if h.driven.effect.of_white:    # a low-pass was at rest with the noise at first
+        one.own[4:6, :, change.states] *= change.times[:, :1]
+    return one._replace(rise=change.times - 1.0)
 
 
 def with_constants(h, scene, signatures, theta):
@@ -349,7 +349,7 @@ def _through_mixtures(h, own, H, theta, y, out):
     jumps = h.jumps(theta)
     own, H, moved = _with_one_level(own, H, h.own_states if jumps.step.any() else None)
     return mixture_filters(
-        y, H, own.own, own.pair, own.later, own.r, np.column_stack(jumps[:2]),
+        y, H, own.own, own.pair, own.rise, own.r, np.column_stack(jumps[:2]),
         np.column_stack(jumps[2:]), out, moved or 0)
 
 
@@ -427,8 +427,8 @@ def _filter_at(own, H, node, gap):
     gain, f, states = np.empty((len(gap), H.shape[1])), np.empty(len(gap)), own.own[
         :, node].copy()
     H, = in_rows(H)
-    plain_gains(H, states, own.pair, own.later[node:node + 1], own.r[node], gap, gain,
-                f)
+    rise = own.rise[node] if len(own.rise) else np.zeros(0)
+    plain_gains(H, states, own.pair, rise, own.r[node], gap, gain, f)
     return Filter(H, states[:2], own.pair, gain, 1.0 / np.sqrt(f), gap)
 
 
@@ -613,7 +613,7 @@ def shared(h, scene, signatures, theta, gap):
     b, variance = _bank(h, scene, theta), constants(h, signatures)
     one = parts_at(h, scene, theta, b)
     w, *_ = adjoint(np.where(gap, 0.0, columns).copy(), 1.0 - gap, one.h, one.own,
-                    one.pair, one.later, one.r)
+                    one.pair, one.rise, one.r)
     # the first column stands for a record
     gram = products(h, scene, np.where(gap, np.nan, columns[:1]), columns, theta)
     return Shared(b, one, np.append(variance[1:], variance[0]), gram,
@@ -624,7 +624,7 @@ def summed(b, parts, rows, pairs):
     """`Sums` of rows (C, N) under the filters of a bank, as `filter_bank` gives them,
     with the change of the noise of states that `Parts` know.
     """
-    if not len(parts.later):
+    if not len(parts.rise):
         return next(filter_bank(b, rows, [rows.shape[1]], pairs))
     (C, N), M = rows.shape, len(parts.r)
     gap = np.isnan(rows[0])
@@ -644,9 +644,8 @@ def summed(b, parts, rows, pairs):
 
 def cut(b, parts, first, last):
     """A timeless bank and its `Parts` for the samples from the first to the last."""
-    r, later = b.r if b.r.shape[1] == 1 else b.r[:, first:last], np.maximum(
-        parts.later - first, 0)
-    return b._replace(r=r), parts._replace(r=r, later=later)
+    r = b.r if b.r.shape[1] == 1 else b.r[:, first:last]
+    return b._replace(r=r), parts._replace(r=r, rise=parts.rise[:, first:last])
 
 
 class Solved(NamedTuple):
@@ -677,7 +676,7 @@ class Solved(NamedTuple):
             self.steps[own], self.size[own], tuple(
                 (share[own], Modes(*(part[own] for part in there)))
                 for share, there in self.spectra), Bank(*(m[own] for m in self.bank)),
-            p._replace(own=p.own[:, own], r=p.r[own], later=p.later[own]),
+            p._replace(own=p.own[:, own], r=p.r[own], rise=p.rise[own]),
             self.rounding[own], passed=self.passed[own], memory=self.memory)
 
     def cut(self, first, last):
@@ -691,7 +690,7 @@ class Solved(NamedTuple):
     def for_scans(self, gap):
         """The same, of one node, with what many columns of a scan have in common."""
         p = self.parts
-        if len(p.pair) == 1 and p.r.shape[1] == 1 and not len(p.later):
+        if len(p.pair) == 1 and p.r.shape[1] == 1 and not len(p.rise):
             return self    # the bank of one state is quicker
         return self._replace(filter=_filter_at(p, p.h[None], 0, gap))
 
@@ -715,7 +714,7 @@ def solve(h, scene, signatures, theta, low_pass=None):
     X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
     b = _bank(h, scene, theta)
     one = parts_at(h, scene, theta, b)
-    w, shocks, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.later,
+    w, shocks, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.rise,
                                  one.r, low_pass.shock(scene.dt) if low_pass else STEP)
     c, M, N = w.shape
     gram = np.moveaxis(row_products(w.reshape(-1, N), X).reshape(c, M, c), 1, 0)
@@ -739,7 +738,7 @@ def _memory(parts, observed):
     that are missing; MEMORY at most, or where their noise changes.
     """
     N, seen = len(observed), np.flatnonzero(observed)
-    if N <= 3 * MEMORY or len(parts.later) or parts.r.shape[1] > 1:
+    if N <= 3 * MEMORY or len(parts.rise) or parts.r.shape[1] > 1:
         return MEMORY
     one = _filter_at(parts, parts.h[None], len(parts.r) // 2, np.zeros(
         2 * MEMORY, bool))
@@ -776,9 +775,16 @@ def _rounding(spectra, b, parts, observed, steps):
 
 
 def _spectra(h, scene, theta, b):
-    """Shares of the record, (M,), and the `Modes` of a hypothesis there."""
+    """Shares of the record, (M,), and the `Modes` of a hypothesis there: where its
+    noise is weaker than on average, and where not.
+    """
     change = _change(h, scene, theta)
     if not change:
         return (np.ones(len(theta)), _modes_of(h, b)),
-    early = change.first / len(scene.y)
-    return (early, _modes_of(h, b)), (1.0 - early, _modes_of(h, _driven(b, change)))
+    weaker, result = change.times < change.times.mean(1, keepdims=True), []
+    for there in weaker, ~weaker:
+        count = there.sum(1)
+        times = np.where(count, (there * change.times).sum(1), 1.0)
+        result.append((count / len(scene.y), _modes_of(h, _driven(
+            b, change.states, times / np.maximum(count, 1)))))
+    return tuple(result)

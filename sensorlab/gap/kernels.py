@@ -10,9 +10,9 @@ that every such recursion takes stand first, once for all of
 them; h (n,) observes the states; of a covariance the lower half is kept. A state is
 eight numbers, as `filters.Parts` has them: its factor a, and b of the other state of
 its pair; variance q of its noise, and covariance c with that of the other; both of the
-state at first; q and c from a sample `later` on. pair (n,) is the number of the other
-state, or its own. (The bank of `sensorid` has steps of its own, which end where gains
-have converged: tests/bench_gap.py has both.)
+state at first; what is added to q and c, `rise` times, at each sample. pair (n,) is
+the number of the other state, or its own. (The bank of `sensorid` has steps of its own,
+which end where gains have converged: tests/bench_gap.py has both.)
 
 Kernels do the groups first ... last - 1 and are called through `in_threads`: a parallel
 loop of Numba is compiled twice, which a first call would wait for, and its threads spin
@@ -144,19 +144,16 @@ def load(own, pair, node, parts, P):
 
 
 @njit(**INSIDE)
-def drive(own, node, later, i, parts):
-    """The noises of the states of all lanes at sample i, which change at `later` (M,);
-    the next sample at which one does, -1 if none.
+def drive(own, node, rise, i, anew, parts):
+    """The noises of the states of all lanes at sample i, by `rise` (M, N), anew or
+    where they are others than at the sample before.
     """
-    due = -1
     for g in range(parts.shape[2]):
-        change = later[node[g]]
-        k = 6 if i >= change else 2
-        for s in range(own.shape[2]):
-            parts[2, s, g], parts[3, s, g] = own[k, node[g], s], own[k + 1, node[g], s]
-        if i < change and (due < 0 or change < due):
-            due = change
-    return due
+        at = node[g]
+        if anew or rise[at, i] != rise[at, i - 1]:
+            for s in range(own.shape[2]):
+                parts[2, s, g] = own[2, at, s] + rise[at, i] * own[6, at, s]
+                parts[3, s, g] = own[3, at, s] + rise[at, i] * own[7, at, s]
 
 
 @njit(**INSIDE)
@@ -212,14 +209,14 @@ ROUNDING = 1e-16    # of the largest variance of an innovation
 
 
 @njit(**KERNEL)
-def plain_gains(H, own, pair, later, r, gap, gain, f):
+def plain_gains(H, own, pair, rise, r, gap, gain, f):
     """Of a filter without jumps what no record changes, in place: gain (N, n), by which
     the innovation of a sample moves the states, and its variance f (N,).
 
-    H (N or 1, n) observes n states; own (8, n), pair (n,), later (0 or 1,) and r (1 or
+    H (N or 1, n) observes n states; own (8, n), pair (n,), rise (0 or N,) and r (1 or
     N,) are the parts of one node; nothing is seen in a gap (N,).
     """
-    (N, n), q, c = gain.shape, own[2], own[3]
+    (N, n), q, c = gain.shape, own[2].copy(), own[3].copy()
     turned, P = own[:2].copy().reshape(2, n, 1), np.zeros((n, n, 1))
     for s in range(n):
         P[s, s, 0] = own[4, s]
@@ -227,8 +224,10 @@ def plain_gains(H, own, pair, later, r, gap, gain, f):
             P[s, pair[s], 0] = own[5, s]
     Ph, largest = np.empty(n), 0.0
     for i in range(N):
-        if len(later) and i == later[0]:
-            q, c = own[6], own[7]
+        if len(rise):
+            for s in range(n):
+                q[s] = own[2, s] + rise[i] * own[6, s]
+                c[s] = own[3, s] + rise[i] * own[7, s]
         h = H[min(i, len(H) - 1)]
         turn_covariance(turned, pair, P)
         for s in range(n):
@@ -402,11 +401,11 @@ class Shock(NamedTuple):
 STEP = Shock(np.array([[1.0], [0.0]]), np.zeros(1, int), np.ones(1), np.ones((1, 1)))
 
 
-def adjoint(y, observed, h, own, pair, later, r, shock=STEP):
+def adjoint(y, observed, h, own, pair, rise, r, shock=STEP):
     """C^-1 y of every column, and s' C^-1 s of k shocks s, by default of a step, from
     every sample on.
 
-    y (C, N); h (n,) observes the states; own, pair, later and r as for
+    y (C, N); h (n,) observes the states; own, pair, rise and r as for
     `mixture_filters`.
     Returns w (C, M, N), shocks (k, M, N) and log_det (M,): P. De Jong, J. Penzer,
     "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93, 1998, with what is added
@@ -417,7 +416,7 @@ def adjoint(y, observed, h, own, pair, later, r, shock=STEP):
     squares, lanes = np.empty((len(shock.begun), M, N)), lanes_for(M)
     y, h = in_rows(y, h)
     in_threads(_go_there_and_back, groups(M, lanes), lanes, y, observed, h, own, pair,
-               later, r, *shock, w, squares, log_det)
+               rise, r, *shock, w, squares, log_det)
     return w, squares, log_det
 
 
@@ -425,7 +424,7 @@ STRETCH = 1024    # samples of the way there that are kept for the way back
 
 
 @njit(**KERNEL)
-def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, turned,
+def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, rise, r, turned,
                        beside, seen, begun, w, squares, log_det):
     """Groups of `adjoint`. The way there is gone twice: once to its end, and again from
     where each stretch begins, before that stretch is gone back.
@@ -474,7 +473,7 @@ def _go_there_and_back(first, last, lanes, y, observed, h, own, pair, later, r, 
                 for g in range(lanes):
                     noise[i, g] = r[node[g], min(begin + i, r.shape[1] - 1)]
             _go_there(y[:, begin:begin + count], observed[begin:begin + count], noise,
-                      h, own, node, later, begin, parts, there_of, pair, P, x, K,
+                      h, own, node, rise, begin, parts, there_of, pair, P, x, K,
                       weight, gain)
             _without_dust(x.ravel())
             if there:
@@ -519,7 +518,7 @@ def _without_dust(x):
 
 
 @njit(**INSIDE)
-def _go_there(y, observed, noise, h, own, node, later, begin, parts, of_columns, pair,
+def _go_there(y, observed, noise, h, own, node, rise, begin, parts, of_columns, pair,
               P, x, K, weight, gain):
     """A stretch of the way there of `adjoint` from the sample `begin` on: K = Phi P h
     / f, weight 1 / f, 0 where nothing is seen, and gain nu / f of every sample; noise
@@ -530,10 +529,10 @@ def _go_there(y, observed, noise, h, own, node, later, begin, parts, of_columns,
     Ph, turned, f, w = (np.empty((n, lanes)), np.empty((n, lanes)), np.empty(lanes),
                         np.empty(lanes))
     nu, all_x = np.empty((C, lanes)), x.reshape(n, C * lanes)
-    all_nu, due = nu.ravel(), begin if len(later) else -1
+    all_nu = nu.ravel()
     for i in range(N):
-        if begin + i == due:
-            due = drive(own, node, later, due, parts)
+        if len(rise):
+            drive(own, node, rise, begin + i, i == 0, parts)
         for g in range(lanes):
             f[g] = noise[i, g]
         turn_covariance(parts, pair, P)

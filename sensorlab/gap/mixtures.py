@@ -24,12 +24,12 @@ SURE_NATS = 30.0    # by which one of the two is the likelier there
 AT_ONCE = 4 * 10**5    # samples of records of which everything is told at once
 
 
-def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
+def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out, moved=0):
     """Log-likelihoods (R, M) of records under filters with outliers and two levels, or
     a level that steps.
 
-    y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), later (M or 0,) and
-    r (M, 1 or N) are the parts of `filters.Parts`; outlier (M, 2) = rate,
+    y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), rise (M or 0, N)
+    and r (M, 1 or N) are the parts of `filters.Parts`; outlier (M, 2) = rate,
     variance; jump (M, 5) = probabilities that the second level begins and that it ends,
     half the distance of the levels, variance that the second adds to the noise, and
     that of a step, which then begins, of the state number `moved` (the last three 0:
@@ -45,7 +45,7 @@ def mixture_filters(y, H, own, pair, later, r, outlier, jump, out, moved=0):
     and one record begins at either: two filters, which are never merged. Of steps, see
     `steps`.
     """
-    parts = H, own, pair, later, r, outlier, jump, moved
+    parts = H, own, pair, rise, r, outlier, jump, moved
     total = _mixed(y, *parts, out)
     odd = _odd_at_first(y) if outlier[:, 0].any() else []
     if len(odd):
@@ -74,7 +74,7 @@ def _odd_at_first(y):
     return seen[np.abs(first - middle) > ODD_AT_FIRST * spread]
 
 
-def _log_of_outlier(y, H, own, pair, later, r, outlier, *rest):
+def _log_of_outlier(y, H, own, pair, rise, r, outlier, *rest):
     """Log densities (R, M) of the first samples of records y (R, N) as outliers, beside
     what the next ones tell, and that they are.
     """
@@ -82,9 +82,9 @@ def _log_of_outlier(y, H, own, pair, later, r, outlier, *rest):
     y, H = y[:, :KNOWN], H[:KNOWN]
     nothing = np.empty((len(y), len(outlier), 0, y.shape[1]))
     without = np.where(np.arange(y.shape[1]) > 0, y, np.nan)
-    unseen = _mixed(without, H, own, pair, later, noise, outlier, *rest, nothing)
+    unseen = _mixed(without, H, own, pair, rise, noise, outlier, *rest, nothing)
     noise[:, 0] += outlier[:, 1]
-    seen = _mixed(y, H, own, pair, later, noise, outlier, *rest, nothing)
+    seen = _mixed(y, H, own, pair, rise, noise, outlier, *rest, nothing)
     with np.errstate(divide="ignore"):    # some nodes may have none
         return np.log(outlier[:, 0]) + seen - unseen
 
@@ -102,10 +102,10 @@ def _weigh_first(beside, share, odd, out):
     out[odd] = told
 
 
-def _mixed(y, H, own, pair, later, r, outlier, jump, moved, out):
+def _mixed(y, H, own, pair, rise, r, outlier, jump, moved, out):
     """`mixture_filters` but for a first sample that is an outlier."""
     second = jump[:, 0] / np.maximum(jump[:, 0] + jump[:, 1], 1e-300)
-    parts = H, own, pair, later, r, outlier, jump, moved
+    parts = H, own, pair, rise, r, outlier, jump, moved
     if not jump[:, 2].any():
         return _filtered(y, *parts, np.tile(second, (len(y), 1)), out)
     log_prior = np.log(np.column_stack([1.0 - second, second]))
@@ -170,8 +170,8 @@ def _of_begins(y, parts, log_prior):
 
 def _head(parts):
     """What filters of the head of a record need."""
-    H, own, pair, later, r, *rest = parts
-    return H[:HEAD], own, pair, later, r[:, :HEAD], *rest
+    H, own, pair, rise, r, *rest = parts
+    return H[:HEAD], own, pair, rise[:, :HEAD], r[:, :HEAD], *rest
 
 
 def _of_either(y, parts, log_prior, out=None):
@@ -184,11 +184,11 @@ def _from(begins, y, parts, out=None):
     """Log-likelihoods (R, B) at some nodes of records that begin at some level, for
     pairs of both; `out` as for `mixture_filters`, of these.
     """
-    H, own, pair, later, r, outlier, jump, moved = parts
+    H, own, pair, rise, r, outlier, jump, moved = parts
     node, level = np.transpose(begins)
     if out is None:
         out = np.empty((len(y), len(node), 0, y.shape[1]))
-    return _filtered(y, H, own[:, node], pair, later[node] if len(later) else later,
+    return _filtered(y, H, own[:, node], pair, rise[node] if len(rise) else rise,
                      r[node], outlier[node], jump[node], moved, np.tile(
                          level * 1.0, (len(y), 1)), out)
 
@@ -220,7 +220,7 @@ def _weigh_begins(told, log_odds, out):
                         out[r, k, row, i] = first * one[row] + second * other[row]
 
 
-def _filtered(y, H, own, pair, later, r, outlier, jump, moved, second, out):
+def _filtered(y, H, own, pair, rise, r, outlier, jump, moved, second, out):
     """`mixture_filters` of records that begin at the second level with these
     probabilities (R, M).
     """
@@ -233,22 +233,22 @@ def _filtered(y, H, own, pair, later, r, outlier, jump, moved, second, out):
     if jump[:, 4].any():
         lanes = lanes_for(total.size, 2 * LANES)    # of every age
         in_threads(filter_steps, groups(total.size, lanes), lanes, kinds, y, H, own,
-                   pair, later, r, outlier, jump, moved, out, total)
-    elif (levels, kinds) == (1, 2) and n <= UNROLLED and not len(later) and not away:
+                   pair, rise, r, outlier, jump, moved, out, total)
+    elif (levels, kinds) == (1, 2) and n <= UNROLLED and not len(rise) and not away:
         in_threads(filter_outliers, some, (0,) * n, y, H, own, r, outlier, out, total)
     elif (levels, kinds) == (2, 1) and n <= UNROLLED_LEVELS and not len(
-            later) and away < 2:
+            rise) and away < 2:
         in_threads(filter_levels, some, (0,) * n, () if away else None, y, H, own, pair,
                    r, jump, second, out, total)
     else:
         lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
         in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y,
-                   H, own, pair, later, r, outlier, jump, second, out, total)
+                   H, own, pair, rise, r, outlier, jump, second, out, total)
     return total
 
 
 @njit(**KERNEL)
-def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, r,
+def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r,
                      outlier, jump, second, out, total):
     """Groups of `mixture_filters`. The second level has lanes of its own, after those
     of the first; so has every path from one level to one: those to the first, from
@@ -307,11 +307,10 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, later, 
             rate.reshape(by_path), wild.reshape(by_path), e.reshape(by_path),
             per_f.reshape(kinds, *by_path))
         told = np.zeros((rows, tell))
-        due = 0 if len(later) else -1
         for i in range(N):
             h = H[i]
-            if i == due:
-                due = drive(own, node, later, i, parts)
+            if len(rise):
+                drive(own, node, rise, i, i == 0, parts)
             for g in range(lanes):
                 value[g] = y[record[g], i]
             for path in range(levels * levels):

@@ -25,7 +25,7 @@ LEAST_SHARE = 1e-12    # of an age: what comes to it must be more than rounding
 
 
 @njit(**KERNEL)
-def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, jump,
+def filter_steps(first, last, lanes, kinds, y, H, own, pair, rise, r, outlier, jump,
                  moved, out, total):
     """Groups of `mixtures.mixture_filters` of a level that steps at random, with
     outliers or without. Every age has lanes of its own, after those of the younger one.
@@ -65,11 +65,10 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, later, r, outlier, 
             (kinds, *by_age))
         mean, spread = np.empty((n, lanes)), np.empty((n, n, lanes))
         told = np.zeros((rows, tell))
-        due = 0 if len(later) else -1
         for i in range(N):
             h = H[i]
-            if i == due:
-                due = drive(own, node, later, i, parts)
+            if len(rise):
+                drive(own, node, rise, i, i == 0, parts)
             for g in range(lanes):
                 value[g] = y[record[g], i]
                 seen[g] = 0.0 if np.isnan(value[g]) else 1.0
