@@ -495,11 +495,6 @@ def _noise_sensitivity(scene, filt, **values):
 
 
 def _stronger_with(scene, ratio, about, per, x, variant=""):
-    return louder_with(x, ratio, about, per, variant)
-
-
-def louder_with(x, ratio, about, per, variant=""):
-    """How many times as strong (..., N) white noise is, by a column x (N,)."""
     u = (x - about) / per
     return np.sqrt(np.maximum(1.0 + (ratio**2 - 1.0) * u**2, 0.0)) if (
         variant == "square") else ratio**u
@@ -930,7 +925,8 @@ CATALOGUE = {effect.name: effect for effect in (
                     "column is late, or x after a low-pass of first or second order "
                     "that delays by tau; tau in s, coefficient in u per unit of x, 1 "
                     "of a sensor that is but late",
-           resembles="latency where tau is short, hysteresis, scale factor",
+           resembles="latency where tau is short, noise of the column where the "
+                    "coefficient is 1, hysteresis, scale factor",
            experiment="turn with sharp starts and stops"),
     Effect("g_sensitivity", columns=_linear, size="coefficient", column="acceleration",
            equation="y + coefficient (x - mean of x); in u per unit of x",

@@ -390,7 +390,9 @@ def _with_filters(inside, effects, processes, best, surely):
         # in bands, spectra tell too little of a line: they but say which comes first
         if effect.search not in BY_SPECTRA and effect.name != surely and (
                 about < max(least, AT_LEAST * other - MATTERS)):
-            rivals.append(_Rival(effect, "", about))
+            rivals += [_Rival(effect, column, told, variant=variant)
+                       for (column, variant), _, told in inside.promised(effect)
+                       ] if effect.column else [_Rival(effect, "", about)]
             continue
         own = inside.fitted(effect, best)
         rivals += own

@@ -12,7 +12,6 @@ from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import LOG_2PI, mesh, middles, side_by_side
-from sensorlab.gap.catalogue import louder_with
 from sensorlab.gap.filters import log_likelihoods, part_of, predict
 from sensorlab.gap.kernels import KERNEL, LANES
 from sensorlab.gap.mixtures import smoothed
@@ -61,26 +60,29 @@ def noise_with(scene, one, z):
     `screened` has them; by Laplace's method.
     """
     prior, *known = one.values.values()
-    x, seen, known = scene.columns[one.column], ~np.isnan(z), [p.low for p in known]
+    x, seen, known = scene.columns[one.column], ~np.isnan(z), {
+        p.symbol: p.low for p in known}
     many, edges = np.histogram(x[seen], OF_COLUMN, (x.min(), x.max()))
     square, _ = np.histogram(x[seen], edges, weights=z[seen]**2)
     middle, low, high = 0.5 * (edges[1:] + edges[:-1]), *np.log([prior.low, prior.high])
 
-    def rest(log_ratio):
-        louder = louder_with(middle, np.exp(log_ratio), *known, one.variant)
-        return louder, (square / louder**2).sum() / many.sum()
+    def of(log_ratio):
+        """Strengths, and the variance of the scores less these."""
+        times = one.effect.drive(scene, x=middle, variant=one.variant, ratio=np.exp(
+            log_ratio), **known)
+        return times, (square / times**2).sum() / many.sum()
 
     def gain(log_ratio):
-        louder, even = rest(log_ratio)
+        times, even = of(log_ratio)
         return -0.5 * many.sum() * np.log(even / square.sum() * many.sum()) - (
-            many @ np.log(louder))
+            many @ np.log(times))
     best = minimize_scalar(lambda at: -gain(at), bounds=(low, high), method="bounded").x
     most, apart = gain(best), 1e-2
     bent = (2.0 * most - gain(best - apart) - gain(best + apart)) / apart**2
     off = 1.0 / np.sqrt(max(bent, 1e-9))
     return Louder(float(most + min(np.log(np.sqrt(2.0 * np.pi) * off / (high - low)),
                                    -1.0)), float(np.exp(best)), float(off),
-                  float(np.sqrt(rest(best)[1])))
+                  float(np.sqrt(of(best)[1])))
 
 
 def usual_variance(z, log_score):
