@@ -63,13 +63,17 @@ def test_other_axes_are_no_covariates_unless_asked_for():
     asked = read(IMU, "gy", beside=["ax", "T=temperature"])
     assert [*asked.columns] == ["ax", "T"] and asked.axes == ()
     whole = read(dict(gyro=Y, rate=Y + 1.0, accel=Y, dt=1.0), "gyro[1]", beside=None)
-    assert [*whole.columns] == ["rate"] and whole.axes == ("accel",)
+    assert {*whole.columns} == {"rate", "rate_x", "rate_z"} and whole.axes == ("accel",)
     for names in ("rate_{}", "Rate.{}", "rate_{} [deg/s]", "{}_rate"):
         moved = read(dict(IMU, **{names.format(axis): Y[k] + 1.0 for k, axis in
                                   enumerate("xyz")}), "gy", beside=None)
-        assert {*moved.columns} == {"temperature", "rate"}
-        assert_array_equal(moved.columns["rate"], Y[1] + 1.0)
-        assert len(moved.axes) == len(IMU) - 3 + 2    # of the other axes, too
+        assert {*moved.columns} == {"temperature", "rate", "rate_x", "rate_z"}
+        for name, row in dict(rate=1, rate_x=0, rate_z=2).items():
+            assert_array_equal(moved.columns[name], Y[row] + 1.0)
+        assert len(moved.axes) == len(IMU) - 3
+    whole = read(dict(gyro=Y, rate=Y + 1.0, dt=1.0), "gyro[2]", beside=None)
+    assert {*whole.columns} == {"rate", "rate_x", "rate_y"}
+    assert_array_equal(whole.columns["rate_y"], Y[1] + 1.0)
     phone = {f"{name}_{axis}": Y[k] for name in ("rate", "acceleration")
              for k, axis in enumerate("xyz")}    # what it measures itself
     assert read(dict(phone, dt=1.0), "rate_x", beside=None).columns == {}

@@ -256,6 +256,28 @@ def test_a_lag_is_no_hysteresis(lag, column):
     assert abs(mean - size) < 3.0 * sd
 
 
+@pytest.mark.parametrize("effect, column", [
+    ("thermal_scale_factor", "rate"), ("misalignment", "rate_z"),
+    large("g_sensitivity", "acceleration_y")])
+def test_what_a_calibration_finds_is_named(effect, column):
+    rng, N = np.random.default_rng(11), 2000
+    columns = {name: signal.lfilter([0.05], [1.0, -0.95], rng.standard_normal(N))
+               for name in ("rate", "rate_y", "rate_z", "acceleration_y")}
+    T = columns["temperature"] = 20.0 + 5.0 * np.sin(np.arange(N) / 400.0)
+    x = columns[column] - columns[column].mean()
+    x = x * (T - T.mean()) if effect == "thermal_scale_factor" else x
+    size = np.sqrt(60.0 / (x @ x))    # 30 nats
+    d = sensorlab.diagnose(rng.standard_normal(N) + size * x, 0.01, WHITE, columns)
+    assert d.verdict == effect and d.found[0].column == column
+    mean, sd = d.found[0].values["coefficient"]
+    assert abs(mean - size) < 3.0 * sd < size
+    if effect == "thermal_scale_factor":
+        del columns["temperature"]
+        with pytest.raises(ValueError, match="needs a column temperature"):
+            sensorlab.diagnose(rng.standard_normal(N), 0.01, sensorlab.augmented(d),
+                               columns)
+
+
 @pytest.mark.parametrize("name, variant", [
     ("rate", "square"), large("temperature", "value"), large("pressure", "value")])
 def test_noise_that_follows_a_column_is_no_burst(name, variant):

@@ -230,6 +230,8 @@ ADDED = dict(
     temperature=("temperature", dict(coefficient=0.2)),
     thermal_lag=("temperature", dict(coefficient=0.2, tau=40.0)),
     scale_factor=("rate", dict(coefficient=0.01)),
+    thermal_scale_factor=("rate", dict(coefficient=0.001)),
+    misalignment=("rate_y", dict(coefficient=0.02)),
     nonlinearity=("rate", dict(coefficient=1e-3)),
     latency=("rate", dict(coefficient=0.1)),
     lag=("rate", dict(coefficient=0.1, tau=3.0)),
@@ -242,7 +244,7 @@ def test_simulated_signatures_are_what_is_written():
     t = np.arange(n) * DT
     rng = np.random.default_rng(3)
     columns = {name: rng.standard_normal(n).cumsum() for name in (
-        "temperature", "rate", "acceleration", "pressure")}
+        "temperature", "rate", "acceleration", "pressure", "rate_y")}
     scene = Scene(np.zeros(n), DT, columns)
     T, rate = columns["temperature"], columns["rate"]
     lag, a = [T[0]], np.exp(-1.0 / 40.0)
@@ -254,6 +256,8 @@ def test_simulated_signatures_are_what_is_written():
         sinusoid=np.cos(2 * np.pi * 0.05 * t + 0.5), temperature=0.2 * (T - T.mean()),
         thermal_lag=0.2 * (lag - np.mean(lag)),
         scale_factor=0.01 * (rate - rate.mean()),
+        thermal_scale_factor=0.001 * (rate - rate.mean()) * (T - T.mean()),
+        misalignment=0.02 * (columns["rate_y"] - columns["rate_y"].mean()),
         nonlinearity=1e-3 * (rate**2 - np.mean(rate**2)),
         latency=0.1 * np.append(0.0, np.diff(rate)),
         lag=0.1 * (np.append(np.full(3, rate[0]), rate[:-3]) - rate),

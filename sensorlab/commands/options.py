@@ -11,11 +11,11 @@ MODELS = ("white_noise", "random_walk", "markov", "random_walk_markov", "two_mar
 ALGORITHMS = "slopes", "gmwm", "aic", "bic", "whittle"
 EFFECTS = (
     "rate_ramp", "bias_step", "pulse", "gradual_step", "ringing", "vibration_burst",
-    "second_order_drift", "turn_on_transient", "sinusoid", "temperature", "thermal_lag",
-    "scale_factor", "nonlinearity", "latency", "lag", "g_sensitivity",
-    "covariate", "hysteresis", "random_walk", "correlated_noise", "bias_instability",
-    "narrow_band_noise", "bandwidth", "blue_noise", "noise_step",
-    "noise_sensitivity", "walk_step",
+    "second_order_drift", "turn_on_transient", "sinusoid", "temperature",
+    "thermal_lag", "scale_factor", "thermal_scale_factor", "misalignment",
+    "nonlinearity", "latency", "lag", "g_sensitivity", "covariate", "hysteresis",
+    "random_walk", "correlated_noise", "bias_instability", "narrow_band_noise",
+    "bandwidth", "blue_noise", "noise_step", "noise_sensitivity", "walk_step",
     "outliers", "noise_bursts", "random_telegraph", "random_steps", "quantization",
     "differential_nonlinearity", "saturation", "stuck", "repeated_samples",
     "wrong_parameter")

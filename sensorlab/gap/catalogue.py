@@ -101,8 +101,16 @@ def _cosine_and_sine(scene, x, psi):
     yield "", wave.view(float).reshape(N, 2)
 
 
+AXES = "xyz"    # of which columns are named: rate_y beside the error of gyro_x
+
+
 def _linear(scene, x, psi):
     yield "", _centred(x)[:, None]
+
+
+def _while_warm(scene, x, psi):
+    if "temperature" in scene.columns:
+        yield "", (_centred(scene.columns["temperature"]) * _centred(x))[:, None]
 
 
 def _curved(scene, x, psi):
@@ -905,6 +913,18 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y + coefficient (x - mean of x); in u per unit of x",
            resembles="nonlinearity",
            experiment="turn at several known rates of both signs"),
+    Effect("thermal_scale_factor", columns=_while_warm, size="coefficient",
+           column=("rate", "acceleration"), also="temperature",
+           equation="y + coefficient (T - mean of T) (x - mean of x), T the column "
+                    "temperature; in u per unit of x and kelvin",
+           resembles="scale factor, nonlinearity",
+           experiment="turn at a known rate while the temperature is cycled"),
+    Effect("misalignment", columns=_linear, size="coefficient",
+           column=tuple(f"rate_{axis}" for axis in AXES),
+           equation="y + coefficient (x - mean of x), x the rate about another axis; "
+                    "in u per unit of x",
+           resembles="scale factor, if the axes are turned together",
+           experiment="turn about one axis after the other"),
     Effect("nonlinearity", columns=_curved, size="coefficient",
            column=("rate", "acceleration"),
            equation="y + coefficient f, f = x^2 or |x| less its mean; in u per unit "
@@ -928,7 +948,8 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="latency where tau is short, noise of the column where the "
                     "coefficient is 1, hysteresis, scale factor",
            experiment="turn with sharp starts and stops"),
-    Effect("g_sensitivity", columns=_linear, size="coefficient", column="acceleration",
+    Effect("g_sensitivity", columns=_linear, size="coefficient",
+           column=("acceleration", *(f"acceleration_{axis}" for axis in AXES)),
            equation="y + coefficient (x - mean of x); in u per unit of x",
            resembles="scale factor",
            experiment="turn the sensor over at rest"),

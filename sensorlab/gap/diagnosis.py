@@ -382,11 +382,12 @@ def _simulator(simulator):
 def _check_recorded(simulator, raw):
     """Refuse a record without a column that the simulator's effects need."""
     for one in simulator.pairs[0][1]:
-        if one.column and one.column not in raw.columns:
-            raise ValueError(f"{one.name} of the simulator needs a column {one.column}:"
-                             " beside the error is "
-                             f"{', '.join(raw.columns) or 'nothing'} (--covariates "
-                             f"{one.column}=COLUMN says which it is)")
+        for column in filter(None, (one.column, one.effect.also)):
+            if column not in raw.columns:
+                raise ValueError(
+                    f"{one.name} of the simulator needs a column {column}: beside the "
+                    f"error is {', '.join(raw.columns) or 'nothing'} (--covariates "
+                    f"{column}=COLUMN says which it is)")
 
 
 def _with_ramps_as_effects(simulator):

@@ -129,6 +129,7 @@ class Effect(NamedTuple):
     column: str | tuple = ""    # what must be recorded beside the error; "*" is what no
                                 # other effect names, "any" is anything; a tuple is one
                                 # of several
+    also: str = ""              # a column that must be there, too
     equation: str = ""          # what becomes of the error y, with units
     resembles: str = ""         # what it is confused with
     experiment: str = ""        # what tells them apart
@@ -616,7 +617,8 @@ def describe(effect, scene=None):
     if effect.column:
         lines.append("needs, as x, " + " or ".join(
             {"*": "any other column", "any": "any column"}.get(name, f"a column {name}")
-            for name in effect.named))
+            for name in effect.named)
+            + (f"; and a column {effect.also}" if effect.also else ""))
     if scene:
         units = dict(onset="s", tau="s", dwell="s", quiet="s", duration="s",
                      frequency="Hz", sigma="u", size="u")

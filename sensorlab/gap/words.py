@@ -24,7 +24,9 @@ PHRASES = dict(
     second_order_drift="a second-order drift", turn_on_transient="a turn-on transient",
     temperature="a dependence on temperature",
     thermal_lag="a dependence on temperature that lags behind",
-    scale_factor="a scale factor error", nonlinearity="a nonlinearity",
+    scale_factor="a scale factor error",
+    thermal_scale_factor="a scale factor that changes with the temperature",
+    misalignment="a misalignment of the axes", nonlinearity="a nonlinearity",
     latency="a latency", lag="a lag behind a column", g_sensitivity="a g-sensitivity",
     covariate="a dependence on a column", hysteresis="a hysteresis",
     random_walk="a random walk", correlated_noise="correlated noise",
@@ -41,7 +43,8 @@ PHRASES = dict(
 
 BESIDE = dict(    # the column that was found
     covariate="a dependence on", hysteresis="a hysteresis in",
-    lag="a lag behind", noise_sensitivity="white noise whose strength follows")
+    lag="a lag behind", misalignment="a misalignment that couples in",
+    noise_sensitivity="white noise whose strength follows")
 
 
 def phrase(effect, found=()):

@@ -11,6 +11,7 @@ from sensorlab.readers.channels import MIN_SAMPLES, UNIT, channels, find, real
 from sensorlab.readers.clocks import since_zero, stamps, tells_time
 
 NAMED = {"temperature", "rate", "acceleration"}    # that effects are looked for by
+AXES = "xyz"    # what they are called of another axis: rate_y
 SHORT = dict(temp="temperature")
 UNCOVERED = 0.1    # of a record: a column of another clock that leaves more of it out
                    # is none
@@ -60,7 +61,7 @@ def _of_group(channel):
     triads = vectors([c.name for c in every])
     of_axes = {name for one in triads for name in one}
     is_axis = channel.name in of_axes and channel.array != "error"
-    own = _of_own_axis(channel, triads) if is_axis else {}
+    known = _by_axis(channel, triads) if is_axis else {}
     found, axes = {}, []
     for c in every:
         if (c.array == channel.array or c.array in group.refused
@@ -68,28 +69,32 @@ def _of_group(channel):
                 or c.array == group.clock or tells_time(c.array)):
             continue
         same = len(shape) == 2 and group.arrays[c.array].shape == shape
-        if not same or c.axis == channel.axis:
+        named = known.get(c.name)
+        if named != c.array and named in group.arrays:    # there is one of that name
+            named = None
+        if not same or c.axis == channel.axis or named:
             name = c.array if same else c.name.removeprefix(f"{group.name}/")
             short = UNIT.sub("", name)
-            name = name if short in found else short
-            if c.name in own and own[c.name] not in group.arrays:
-                name = own[c.name]
+            name = named or (name if short in found else short)
             found[name] = c.values.astype(float)
-            if is_axis and c.name in of_axes and name not in NAMED:
+            if is_axis and c.name in of_axes and not named and name not in NAMED:
                 axes.append(name)
     return found, tuple(axes)
 
 
-def _of_own_axis(channel, triads):
+def _by_axis(channel, triads):
     """Names that effects are looked for by, by the name of a channel: rate_x is the
-    rate of gyro_x; but not of acceleration_x, which is recorded as it is.
+    rate of gyro_x, and rate_y that of another axis; but not beside acceleration_x,
+    which is recorded as it is.
     """
-    mine = [triad for triad in triads if channel.name in triad]
-    if any(_quantity(channel.group, triad) in NAMED for triad in mine):
+    mine = [triad for triad in triads if channel.name in triad[:3]]
+    if not mine or any(_quantity(channel.group, triad) in NAMED for triad in mine):
         return {}
     at = {triad.index(channel.name) for triad in mine}
-    return {name: quantity for triad in triads for k, name in enumerate(triad)
-            if k in at and (quantity := _quantity(channel.group, triad)) in NAMED}
+    return {name: quantity if k in at else f"{quantity}_{axis}"
+            for triad in triads for k, (axis, name) in enumerate(zip(AXES, triad))
+            if (quantity := _quantity(channel.group, triad)) in NAMED
+            and (k in at or quantity != "temperature")}
 
 
 def _quantity(group, triad):
