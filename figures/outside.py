@@ -114,7 +114,7 @@ SHAPES = {
     "logarithm of time": (lambda b: np.log1p(b.t / 20.0), DRIFTS),
     "square of a temperature": (lambda b: b.warm**2, BY_TEMPERATURE),
     "cubic in a temperature": (lambda b: b.warm**3 - 3.0 * b.warm, BY_TEMPERATURE),
-    "rate times temperature": (lambda b: b.turn * b.warm, ()),
+    "rate times temperature": (lambda b: b.turn * b.warm, ("thermal_scale_factor",)),
     "cubic in a rate": (lambda b: b.turn**3 - 0.6 * b.turn, BY_RATE),
     "dead zone of a rate": (lambda b: _dead(b.turn, 0.6) - 0.1 * b.turn, BY_RATE),
     "sign of a rate": (lambda b: np.sign(b.turn), BY_RATE),
@@ -143,7 +143,7 @@ NOISES = {
     "loud for a while": (lambda b: b.white * np.where(np.abs(b.since) < 60.0, 3.0, 1.0),
                          ("noise_step", "noise_bursts", "outliers")),
     "as loud as the rate": (lambda b: b.white * (0.4 + 1.2 * np.abs(b.turn)), (
-        "noise_bursts",)),
+        "noise_sensitivity", "noise_bursts")),
     "of alternating sign": (lambda b: lfilter([1.0, -0.45], [1.0], b.white),
                             ("blue_noise",)),
 }

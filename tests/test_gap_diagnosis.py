@@ -132,17 +132,6 @@ def test_what_a_neighbour_does_not_explain_is_left(effect):
     assert "hysteresis" not in d.verdict
 
 
-@pytest.mark.large
-def test_a_scale_factor_that_depends_on_temperature_is_unknown():
-    record = generator.record(300, 2)
-    shape = record["rate"] * (record["temperature"] - record["temperature"].mean())
-    told = generator.information(shape, record["base"], record["parameters"])
-    record["error"] = record["clean"] + shape * np.sqrt(200.0 / told)    # 100 nats
-    d = diagnosed(record)
-    assert d.verdict == "unknown"
-    assert d.after.p_place["covariate"] < 1e-4
-
-
 @pytest.mark.parametrize("count, size", [
     (20, 1.0), large(8, 0.8), large(40, 0.6), large(5, 1.0)])
 def test_steps_that_noise_hides_at_first_are_no_telegraph_on_a_walk(count, size):

@@ -119,11 +119,15 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
 
     Without `processes`, for signatures, jumps and changes. `by_chance` gives ln B that
     an effect has where it is not, if that may be more than nothing; `known` is the name
-    of an effect of which ln B is known, and that. Each is as likely as one `among` so
-    many, a priori, if there are fewer here.
+    of an effect of which ln B is known, and that; without a name it is what others
+    have, and if all here come to far less, none is told of. Each is as likely as one
+    `among` so many, a priori, if there are fewer here.
     """
     inside, plain, reference, listed, samples, grids, rivals = _sought(
         scene, acc, effects, processes, known)
+    name, least = known
+    if not name and max([0.0, *(one.log_bayes for one in rivals)]) < _about(least):
+        return Further((Cause((), 1.0, 0.0),), None, -np.inf)
     say("weighing", 2)
 
     def estimated(number, count=None):
@@ -191,12 +195,13 @@ def _sought(scene, acc, effects, processes=True, known=NO_OTHER):
     if low_pass:
         listed += families_passing(low_pass, listed)
     say("looking for signatures", 4)
-    samples = directed(plain, reference, listed, grids=(grids := {}))
+    name, best = known
+    samples = directed(plain, reference, listed, grids=(grids := {}),
+                       least=0.0 if name else _about(best))
     rivals = _with_signatures(listed, samples)
     even, of_even = _without_jumps(
         scene, acc, for_processes(scene, acc, stand_in), (plain, reference))
     inside = _Inside(scene, even, acc, of_even)
-    name, best = known
     rivals += _with_filters(inside, effects, processes, max(
         [best, *(one.log_bayes for one in rivals)]), name)
     wrong = [effect for effect in effects if effect.factor]
@@ -249,6 +254,13 @@ MATTERS = 4.0    # nats below the best rival: what lies lower need not be known 
 BY_SPECTRA = "band", "spectrum"    # how an effect inside the filter may be sought
 AT_LEAST = 0.7    # of the best ln B, or of what another screen of the scores tells: a
                   # screen that tells less is good enough
+
+
+def _about(best):
+    """The least ln B by a screen, or by what stands in for jumps, with which an effect
+    may come near the best.
+    """
+    return AT_LEAST * best - MATTERS
 
 
 class _Where(NamedTuple):
@@ -389,7 +401,7 @@ def _with_filters(inside, effects, processes, best, surely):
         least, other = (FEW, most) if effect.name in SCREENS else (LITTLE, best)
         # in bands, spectra tell too little of a line: they but say which comes first
         if effect.search not in BY_SPECTRA and effect.name != surely and (
-                about < max(least, AT_LEAST * other - MATTERS)):
+                about < max(least, _about(other))):
             rivals += [_Rival(effect, column, told, variant=variant)
                        for (column, variant), _, told in inside.promised(effect)
                        ] if effect.column else [_Rival(effect, "", about)]

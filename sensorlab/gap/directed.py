@@ -34,21 +34,21 @@ def nodes_for(scene):
     return round(NODES * effort(scene))
 
 
-def directed(scene, reference, listed, table=None, grids=None):
+def directed(scene, reference, listed, table=None, grids=None, least=0.0):
     """Of every hypothesis of an account without jumps a `Sample`: its evidence with no
     further signature, and with one of each family.
 
     Nodes come from its posterior and, where a signature moves that, from the one with
     it, which is asked of families that may be the best: importance sampling from their
     mixture. `table` is that of ln B, by default `bayes_table`; `grids` as for
-    `estimate_signature`.
+    `estimate_signature`; what comes to less than the `least` ln B matters little.
     """
     table, latest, added = table or bayes_table(), reference, set()
     grids = {} if grids is None else grids
     scored, asked = [[] for _ in reference.hypotheses], range(1, len(listed) + 1)
     while True:
         for own, new in zip(scored, _scored(scene, reference, latest, listed, asked,
-                                            table, grids)):
+                                            table, grids, least)):
             own.append(new)
         samples = [_pooled(scene, own, past)
                    for own, past in zip(scored, reference.samples)]
@@ -75,7 +75,7 @@ class _Scored(NamedTuple):
     log_evidence: float           # there
 
 
-def _scored(scene, reference, latest, listed, asked, table, grids):
+def _scored(scene, reference, latest, listed, asked, table, grids, least=0.0):
     """`_Scored` of all hypotheses at nodes of their posteriors in the latest account,
     with the families of the numbers that are `asked`, from 1; to `grids` are added
     those where they are resolved.
@@ -99,7 +99,7 @@ def _scored(scene, reference, latest, listed, asked, table, grids):
                                          table, known(*job), finer), jobs)))
         bayes = told(list(itertools.product(range(len(some)), order)),
                      lambda at, k: likely.get((some[at][0], k)))
-        bayes |= told(_may_matter(bayes, [own.base for own, _ in solved]),
+        bayes |= told(_may_matter(bayes, [own.base for own, _ in solved], least),
                       lambda at, k: bayes[at, k][1], finer=True)
         for at, (number, _) in enumerate(some):
             base = solved[at][0].base
@@ -118,13 +118,14 @@ def _scored(scene, reference, latest, listed, asked, table, grids):
                                           latest.samples)]
 
 
-def _may_matter(bayes, base):
+def _may_matter(bayes, base, least):
     """Jobs, pairs of a part of the nodes and a family, of which a finer grid may tell
-    more than that they are RESCUED nats below the best; their Bayes factors and
-    `Likely` signatures by job, and log-likelihoods by part.
+    more than that they are RESCUED nats below the best, or below the `least` that
+    matters; their Bayes factors and `Likely` signatures by job, and log-likelihoods by
+    part.
     """
-    top = max(map(np.max, [*base, *(base[at] + own for (at, _), (own, _)
-                                    in bayes.items())]))
+    top = max(map(np.max, [*(own + max(least, 0.0) for own in base), *(
+        base[at] + own for (at, _), (own, _) in bayes.items())]))
     return [(at, k) for (at, k), (own, likely) in bayes.items()
             if likely and likely.coarse and (base[at] + np.maximum(
                 MOST_GAINED * own, own)).max() > top - RESCUED]

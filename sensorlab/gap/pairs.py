@@ -12,7 +12,7 @@ import numpy as np
 
 from sensorid import brief, mesh, middles, side_by_side
 from sensorlab.gap.account import account, gaussian
-from sensorlab.gap.causes import further_causes, with_signature
+from sensorlab.gap.causes import NO_OTHER, further_causes, with_signature
 from sensorlab.gap.effects import Found
 from sensorlab.gap.filters import Signature, filter_of, log_likelihoods, part_of
 from sensorlab.gap.kernels import row_products
@@ -60,7 +60,8 @@ def best_pair(scene, acc, look, effects, describes):
         look = further_causes(scene, acc, [effect])
         return [] if look.account is None else _ever_better(
             scene, acc, look.account, some, [effect],
-            next(c for c in look.causes if c.found))
+            next(c for c in look.causes if c.found), max(
+                [best.log_bayes, *map(_worth, pairs)]))
     for effect in sorted(inside, key=lambda e: e.name not in LAWS)[:STARTS]:
         pairs += beside(effect)
     if best.effect in LAWS:    # the next look is beside it
@@ -108,17 +109,19 @@ def _with_last(scene, acc, other):
         acc.readings, acc)
 
 
-def _ever_better(scene, acc, beside, effects, own, first=None):
+def _ever_better(scene, acc, beside, effects, own, first=None, least=0.0):
     """Pairs of effects: beside the one in the account `beside`, which is the cause
     `first` if that is known well, any of some effects is sought, beside that one of its
-    `own`, which may be the same again in another form, and so on.
+    `own`, which may be the same again in another form, and so on. A pair of less than
+    the `least` ln B need not be known well.
     """
     found, worth, best = (), 0.0, -np.inf
     forms = all(e.columns for e in own)
     while True:
         some = own if found else effects
         look = further_causes(scene, beside, some, not all(
-            e.columns or e.jumps for e in some))
+            e.columns or e.jumps for e in some), known=("", max(
+                least - first.log_bayes, 0.0)) if first and not found else NO_OTHER)
         if look.account is None:
             return
         other = next(c for c in look.causes if c.found)
