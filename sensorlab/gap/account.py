@@ -171,8 +171,9 @@ def _before_change(h, keys, scene, signatures, other, sample):
 
 
 def _louder_with(one, h, keys, scene, signatures, other, sample, kept):
-    """The law of the free parameters `keys` of a hypothesis whose white noise follows a
-    column: what the scores of another tell, which is even, all else `kept`.
+    """The law of the free parameters `keys` of a hypothesis in which an effect makes
+    the white noise follow a column: what the scores of another tell, which has no such
+    effect, all else as `kept`.
     """
     seen = predict(other, scene, signatures, sample.likeliest[None])
     told = noise_with(scene, one, seen.z[0, 0])

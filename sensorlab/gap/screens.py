@@ -1,7 +1,7 @@
-"""Screens: what the normal scores of a filter alone say of outliers, of bursts and of a
-change of noise, and what few nodes say of a level or of a change of drive. Where they
-see nothing, or far less than of others, the filters that would tell exactly need not
-run.
+"""Screens: what the normal scores of a filter alone say of outliers, of bursts, of a
+change of noise and of noise that follows a column, and what few nodes say of a level or
+of a change of drive. Where they see nothing, or far less than of others, the filters
+that would tell exactly need not run.
 """
 
 from typing import NamedTuple
