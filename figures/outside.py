@@ -139,7 +139,7 @@ NOISES = {
     "that swells and fades": (lambda b: b.white * np.exp(0.7 * np.sin(
         6.0 * np.pi * b.t / SAMPLES)), ("noise_step", "noise_bursts")),
     "that grows": (lambda b: b.white * np.linspace(0.6, 1.6, SAMPLES),
-                   ("noise_step",)),
+                   ("noise_step", "noise_ramp")),
     "loud for a while": (lambda b: b.white * np.where(np.abs(b.since) < 60.0, 3.0, 1.0),
                          ("noise_step", "noise_bursts", "outliers")),
     "as loud as the rate": (lambda b: b.white * (0.4 + 1.2 * np.abs(b.turn)), (

@@ -294,7 +294,7 @@ def test_every_file_says_its_convention_and_what_is_lost(sensor):
     for name, target in TARGETS.items():
         text, lost = target([a])
         assert "Convention: " in text and "rate_ramp is left out" in text, name
-        assert "walk_step: the louder side" in text
+        assert "walk_step: where it is loudest" in text
         assert any("limits" in one for one in lost) != (name == "numpy"), name
         assert text.count("Lost: ") == len(lost), name
 

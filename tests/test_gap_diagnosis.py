@@ -300,6 +300,19 @@ def test_noise_that_follows_a_column_is_no_burst(name, variant):
     assert again.verdict == "none"
 
 
+@pytest.mark.parametrize("low_passed", [False, large(True)])
+def test_noise_that_grows_is_no_step(low_passed):
+    rng, t = np.random.default_rng(1), np.arange(3000.0)
+    y = 2.5**(t / 3000.0) * rng.standard_normal(3000)
+    if low_passed:
+        y = signal.lfilter([0.4], [1.0, -0.6], y)
+    d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=(
+        0.5, 3.0))])
+    assert {*d.verdict.split("+")} == {"noise_ramp", *["bandwidth"] * low_passed}
+    (mean, sd), = [one.values["ratio"] for one in d.found if "ratio" in one.values]
+    assert abs(mean - 2.5) < 3.0 * sd < 0.5
+
+
 def test_a_simulator_whose_low_passed_noise_changes_twice_is_refused():
     x, y = np.arange(300.0), np.random.default_rng(1).standard_normal(300)
     effects = tuple(

@@ -116,7 +116,7 @@ def test_what_is_found_after_a_low_pass_passes_it_unless_it_is_of_white_noise():
     ("random_walk", ""), ("correlated_noise", ""), ("bias_instability", ""),
     ("narrow_band_noise", ""), ("bandwidth", "first order"), ("blue_noise", ""),
     ("bandwidth", "second order"), ("noise_step", ""), ("noise_sensitivity", "value"),
-    ("noise_sensitivity", "square"), ("walk_step", "")])
+    ("noise_sensitivity", "square"), ("noise_ramp", ""), ("walk_step", "")])
 def test_processes_have_the_covariance_that_is_written(name, variant):
     x = 0.02 * np.arange(-80.0, 120.0)
     scene, effect = Scene(np.zeros(200), DT, dict(rate=x)), CATALOGUE[name]
@@ -149,6 +149,8 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
             x - 0.5) / 4.0)),
         ("noise_sensitivity", "square"): ((3.0, 0.5, 4.0), base + 0.16 * eye * (
             1.0 + 8.0 * (x - 0.5)**2 / 16.0)),
+        ("noise_ramp", ""): ((3.0, 50.0, 100.0), base + 0.16 * eye * 9.0**((
+            t - 50.0) / 100.0)),
         ("walk_step", ""): ((120.0, 3.0), 0.16 * eye + driven(0.81, np.exp(
             -1.0 / 300.0), np.where(t >= 120, 9, 1))),
     }[name, variant]

@@ -15,10 +15,10 @@ EFFECTS = (
     "thermal_lag", "scale_factor", "thermal_scale_factor", "misalignment",
     "nonlinearity", "latency", "lag", "g_sensitivity", "covariate", "hysteresis",
     "random_walk", "correlated_noise", "bias_instability", "narrow_band_noise",
-    "bandwidth", "blue_noise", "noise_step", "noise_sensitivity", "walk_step",
-    "outliers", "noise_bursts", "random_telegraph", "random_steps", "quantization",
-    "differential_nonlinearity", "saturation", "stuck", "repeated_samples",
-    "wrong_parameter")
+    "bandwidth", "blue_noise", "noise_step", "noise_ramp", "noise_sensitivity",
+    "walk_step", "outliers", "noise_bursts", "random_telegraph", "random_steps",
+    "quantization", "differential_nonlinearity", "saturation", "stuck",
+    "repeated_samples", "wrong_parameter")
 
 RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
           "PX4 or .bin of ArduPilot")

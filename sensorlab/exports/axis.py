@@ -147,7 +147,7 @@ def _strange(effects):
     for one in effects:
         if one.effect.columns or one.column:
             yield f"{one.name} is left out: {one.effect.equation}"
-        elif one.name in ("noise_step", "walk_step"):
-            yield f"{one.name}: the louder side counts for the whole"
+        elif one.effect.drive:
+            yield f"{one.name}: where it is loudest counts for the whole"
         elif one.name in ("stuck", "repeated_samples", "differential_nonlinearity"):
             yield f"{one.name} is left out"

@@ -123,7 +123,7 @@ def guesses_from(past, number, h, scene, signatures):
     kept = _spread(keys, list(known), mean[axes], cov[np.ix_(axes, axes)])
     result = [kept] if known else []
     for one in h.effects:
-        if one.column and one.key not in [own.key for own in other.effects]:
+        if one.effect.relative_to and one.key not in [own.key for own in other.effects]:
             return [*result, _louder_with(one, h, keys, scene, signatures, other,
                                           sample, kept)]
     driven = h.driven
@@ -172,8 +172,8 @@ def _before_change(h, keys, scene, signatures, other, sample):
 
 def _louder_with(one, h, keys, scene, signatures, other, sample, kept):
     """The law of the free parameters `keys` of a hypothesis in which an effect makes
-    the white noise follow a column: what the scores of another tell, which has no such
-    effect, all else as `kept`.
+    the white noise follow a column, or the time: what the scores of another tell, which
+    has no such effect, all else as `kept`.
     """
     seen = predict(other, scene, signatures, sample.likeliest[None])
     told = noise_with(scene, one, seen.z[0, 0])

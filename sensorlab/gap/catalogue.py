@@ -498,17 +498,17 @@ def _with_white(filt, times):
     return filt._replace(Psi=filt.Psi * times) if filt.Psi.any() else filt
 
 
-def _noise_sensitivity(scene, filt, **values):
-    return _with_white(filt, _stronger_with(scene, **values))
+def _noise_along(scene, filt, **values):
+    return _with_white(filt, _stronger_along(scene, **values))
 
 
-def _stronger_with(scene, ratio, about, per, x, variant=""):
+def _stronger_along(scene, ratio, about, per, x, variant=""):
     u = (x - about) / per
     return np.sqrt(np.maximum(1.0 + (ratio**2 - 1.0) * u**2, 0.0)) if (
         variant == "square") else ratio**u
 
 
-def _whole_range(x, variant):
+def _whole_range(x, variant=""):
     """What the strength of white noise is relative to: it is as the simulator says at
     zero, or at the mean, and ratio times as strong a whole range away.
     """
@@ -1023,7 +1023,14 @@ CATALOGUE = {effect.name: effect for effect in (
                     "on; onset in s",
            resembles="outliers in clusters",
            experiment="look for what was switched on at the onset"),
-    Effect("noise_sensitivity", model=_noise_sensitivity, drive=_stronger_with,
+    Effect("noise_ramp", model=_noise_along, drive=_stronger_along, of_white=True,
+           elementwise=True, relative_to=_whole_range,
+           parameters=lambda s: (_log("ratio", 1.0 / 30.0, 30.0),),
+           equation="the white noise becomes ratio^((t - about) / per) times as "
+                    "strong; about and per in s",
+           resembles="noise step, noise sensitivity where the column drifts",
+           experiment="record longer, and the temperature with it"),
+    Effect("noise_sensitivity", model=_noise_along, drive=_stronger_along,
            of_white=True, elementwise=True, column="any", variants=("value", "square"),
            relative_to=_whole_range,
            parameters=lambda s: (_log("ratio", 1.0 / 30.0, 30.0),),

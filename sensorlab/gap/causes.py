@@ -319,7 +319,7 @@ class _Inside(_Where):
 
     def _told(self, effect, scene, start, richer):
         """Hypotheses with an effect in it, and about ln B."""
-        if effect.column:
+        if effect.relative_to:
             return richer, noise_with(scene, richer[0].effects[-1],
                                       self.scores[0]).about
         if effect.search not in BY_SPECTRA:
@@ -404,7 +404,7 @@ def _with_filters(inside, effects, processes, best, surely):
                 about < max(least, _about(other))):
             rivals += [_Rival(effect, column, told, variant=variant)
                        for (column, variant), _, told in inside.promised(effect)
-                       ] if effect.column else [_Rival(effect, "", about)]
+                       ] if effect.relative_to else [_Rival(effect, "", about)]
             continue
         own = inside.fitted(effect, best)
         rivals += own
@@ -428,7 +428,7 @@ def _told_by_screens(inside, effects):
     z, variance = inside.scores
 
     def told(effect):
-        if effect.search in BY_SPECTRA or effect.column:
+        if effect.search in BY_SPECTRA or effect.relative_to:
             return max(told for *_, told in inside.promised(effect))
         if effect.drive and effect.name not in SCREENS:
             return change_of_drive(effect, plain, reference.member, acc.signatures,
@@ -917,7 +917,7 @@ def _has_room(effect, acc):
         return False
     if max(h.order for h in richer) > MOST_STATES:
         return False
-    if effect.column and any(h.is_even for h in richer):    # no white noise is left
+    if effect.relative_to and any(h.is_even for h in richer):    # no white noise left
         return False
     return not effect.drive or effect.of_white or any(
         h.at_mean[-1].Gamma.any() for h in richer)

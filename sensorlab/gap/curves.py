@@ -291,7 +291,8 @@ def _places(d):
         for i in outstanding(d.before))
 
 
-SHOWN_BY = dict(outliers="amplitude", noise_step="time")    # what shows an effect best
+SHOWN_BY = dict(    # what shows an effect best
+    outliers="amplitude", noise_step="time", noise_ramp="time")
 
 
 def _residuals(d):

@@ -32,6 +32,10 @@ class Scene(_Recorded):
         """Time since the first sample, s; not to be written to."""
         return _times(len(self.y), self.dt)
 
+    def along(self, column):
+        """A column (N,), or the time if it is ""."""
+        return self.columns[column] if column else self.time
+
     @property
     def duration(self):
         return self.dt * len(self.y)
@@ -95,7 +99,7 @@ class Effect(NamedTuple):
                                 # or a tuple where there are several
     model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
                                 # takes the variant, where there are variants, and x,
-                                # the column beside the error, where there is one
+                                # where it is relative to something
     variants: tuple = ()        # forms of a model; "" is the first
     of_all: tuple = ()          # those that act on all processes, found before or
                                 # since; "... white noise" are not
@@ -116,8 +120,8 @@ class Effect(NamedTuple):
     factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
                                 # all standard deviations
     parameters: Callable = nothing    # of the scene: priors of all that is no size
-    relative_to: Callable = None    # (x, variant) -> numbers by name, of the column and
-                                # the form, that a model beside a column also takes
+    relative_to: Callable = None    # (x, variant) -> numbers by name that a model also
+                                # takes; x is the column beside the error, or the time
     search: str = ""            # how psi is found: "onset", "frequency", "waves" (in
                                 # an envelope, which they are at frequency 0), "pulse"
                                 # (its variants are among `onsets.SHAPES`), else by a
@@ -281,7 +285,8 @@ class Member(NamedTuple):
     def _form(self, one):
         """What a model takes beside the parameters of an effect."""
         return dict(**dict(variant=one.variant) if one.effect.variants else {},
-                    **dict(x=self.scene.columns[one.column]) if one.column else {})
+                    **dict(x=self.scene.along(one.column)) if one.effect.relative_to
+                    else {})
 
     def strength(self, one, theta):
         """How many times as strong (M, N) an effect makes a noise at theta (M, p)."""
@@ -425,7 +430,7 @@ class Member(NamedTuple):
         priors = {p.symbol: p for p in effect.parameters(self.scene)}
         if effect.relative_to:
             priors.update((symbol, Parameter(symbol, v, v)) for symbol, v in (
-                effect.relative_to(self.scene.columns[column], variant).items()))
+                effect.relative_to(self.scene.along(column), variant).items()))
         return self.joined(Found(effect, column, variant, priors))
 
     def joined(self, one):

@@ -47,12 +47,12 @@ def screened(effect, scene, z, variance):
 
 
 class Louder(NamedTuple):
-    """What normal scores tell of white noise that follows a column."""
+    """What normal scores tell of white noise that follows a column, or the time."""
 
     about: float    # ln B
     ratio: float    # likeliest
     off: float      # standard deviation of its logarithm
-    rest: float     # times as strong as the filter has it, where the column is `about`
+    rest: float     # times as strong as the filter has it, where x is `about`
 
 
 def noise_with(scene, one, z):
@@ -60,7 +60,7 @@ def noise_with(scene, one, z):
     `screened` has them; by Laplace's method.
     """
     prior, *known = one.values.values()
-    x, seen, known = scene.columns[one.column], ~np.isnan(z), {
+    x, seen, known = scene.along(one.column), ~np.isnan(z), {
         p.symbol: p.low for p in known}
     many, edges = np.histogram(x[seen], OF_COLUMN, (x.min(), x.max()))
     square, _ = np.histogram(x[seen], edges, weights=z[seen]**2)

@@ -32,6 +32,7 @@ PHRASES = dict(
     random_walk="a random walk", correlated_noise="correlated noise",
     bias_instability="bias instability (flicker noise)",
     bandwidth="a limited bandwidth", noise_step="a change of the noise",
+    noise_ramp="white noise that grows or fades",
     noise_sensitivity="white noise whose strength follows a column",
     walk_step="a change of what drives the random walk",
     outliers="outliers", noise_bursts="bursts of noise",
