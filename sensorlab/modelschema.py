@@ -20,8 +20,9 @@ POSITIVE, NOT_NEGATIVE = dict(exclusiveMinimum=0), dict(minimum=0)
 
 # what a parameter may be, by its symbol; any number where it is not listed
 DOMAINS = dict(
-    onset=NOT_NEGATIVE, frequency=POSITIVE, ratio=POSITIVE, dwell=POSITIVE,
-    duration=POSITIVE, quiet=POSITIVE, play=dict(exclusiveMinimum=0, maximum=1),
+    onset=NOT_NEGATIVE, frequency=POSITIVE, ratio=POSITIVE, per=POSITIVE,
+    dwell=POSITIVE, duration=POSITIVE, quiet=POSITIVE,
+    play=dict(exclusiveMinimum=0, maximum=1),
     rate=dict(minimum=0, maximum=1))
 CONTROL, END_OF_TEXT = r"\x00-\x1f\x7f-\x9f", r"(?![\s\S])"    # $ lets a newline pass
 PRINTABLE = dict(type="string", pattern=f"^[^{CONTROL}]*{END_OF_TEXT}")

@@ -1021,7 +1021,7 @@ CATALOGUE = {effect.name: effect for effect in (
            parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 0.1, 10.0)),
            equation="the white noise becomes ratio times as strong from t = onset "
                     "on; onset in s",
-           resembles="outliers in clusters",
+           resembles="outliers in clusters, noise ramp",
            experiment="look for what was switched on at the onset"),
     Effect("noise_ramp", model=_noise_along, drive=_stronger_along, of_white=True,
            elementwise=True, relative_to=_whole_range,
@@ -1061,7 +1061,7 @@ CATALOGUE = {effect.name: effect for effect in (
                _log("sigma", 0.5 * s.white, 30.0 * s.white)),
            equation="y + N(0, sigma^2) in every sample of a burst; bursts last for "
                     "duration and are quiet apart on average, in s; sigma in u",
-           resembles="outliers in clusters, noise step",
+           resembles="outliers in clusters, noise step, noise sensitivity",
            experiment="look for what runs at times: a fan, a motor, a radio"),
     Effect("random_telegraph", jumps=_telegraph,
            parameters=lambda s: (_log("dwell", 3.0 * s.dt, s.duration / 4),
@@ -1126,4 +1126,5 @@ FAMILIES = (    # effects that a record may show to be one of them, but not whic
     ("bias_step", "pulse", "gradual_step"), ("sinusoid", "narrow_band_noise"),
     ("ringing", "vibration_burst"),
     ("rate_ramp", "second_order_drift", "turn_on_transient"),
+    ("noise_step", "noise_ramp", "noise_sensitivity"),
     ("random_walk", "correlated_noise", "bias_instability", "random_telegraph"))
