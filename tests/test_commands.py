@@ -362,6 +362,20 @@ def test_diagnose_writes_what_simulate_draws(tmp_path, capsys):
     assert "need the column temperature" in capsys.readouterr().err
 
 
+def test_simulate_asks_for_every_column_that_an_effect_needs(tmp_path, capsys):
+    (tmp_path / "m.json").write_text(json.dumps(dict(dt=1.0, hypotheses=[dict(
+        name="white_noise", parameters=dict(sigma_v=1.0), effects=[dict(
+            name="thermal_scale_factor", column="rate",
+            parameters=dict(coefficient=0.01))])])))
+    np.savez(tmp_path / "r.npz", error=np.random.default_rng(0).standard_normal(50),
+             rate=np.arange(50.0), dt=1.0)
+    simulate = ["simulate", str(tmp_path / "m.json"), "--out", str(tmp_path / "s.npz")]
+    assert main([*simulate, "--samples", "50"]) == 2
+    assert "need the columns rate, temperature" in capsys.readouterr().err
+    assert main([*simulate, "--like", str(tmp_path / "r.npz")]) == 2
+    assert "no column 'temperature'" in capsys.readouterr().err
+
+
 def test_diagnose_says_what_is_wrong_with_its_input(tmp_path, capsys):
     y = np.random.default_rng(0).standard_normal(300)
     np.savetxt(tmp_path / "r.csv", np.column_stack([np.arange(300.0), y]),

@@ -19,8 +19,8 @@ def run(options):
     if pathlib.Path(options.out).suffix.lower() not in ("", ".npz"):
         raise ValueError(f"{options.out}: simulated records are arrays of a .npz file; "
                          f"name it {pathlib.Path(options.out).stem}.npz")
-    needed = sorted({one.column for _, effects in model.simulator.pairs
-                     for one in effects} - {""})
+    needed = sorted({name for _, effects in model.simulator.pairs
+                     for one in effects for name in one.needs})
     if options.like:
         options.record = options.like
         like = read(options, model, beside=_placed(needed, covariates_of(options)))

@@ -430,9 +430,6 @@ def in_place(simulator, acc, scene):
     return simulator._replace(effects=tuple(effects))
 
 
-SAME = 1e-12    # relative: a number of which weights have made a mean
-
-
 def _with_numbers(acc, theta, widths, sized):
     """The hypothesis and the effects of `as_simulated` at one theta (p,)."""
     base = acc.bases[acc.best].hypothesis
@@ -453,6 +450,9 @@ def _with_numbers(acc, theta, widths, sized):
               for one in acc.member.effects
               if not (one.effect.reading or one.effect.factor)]
     return h, (*inside, *sized, *(r.found for r in acc.readings if r.does_something))
+
+
+SAME = 1e-12    # relative: a number of which weights have made a mean
 
 
 def around(p, value, width):

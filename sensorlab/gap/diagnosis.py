@@ -382,7 +382,7 @@ def _simulator(simulator):
 def _check_recorded(simulator, raw):
     """Refuse a record without a column that the simulator's effects need."""
     for one in simulator.pairs[0][1]:
-        for column in filter(None, (one.column, one.effect.also)):
+        for column in one.needs:
             if column not in raw.columns:
                 raise ValueError(
                     f"{one.name} of the simulator needs a column {column}: beside the "

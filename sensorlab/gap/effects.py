@@ -179,6 +179,11 @@ class Found(NamedTuple):
         return self.effect.name
 
     @property
+    def needs(self):
+        """Names of the columns that it needs beside the error."""
+        return [name for name in (self.column, self.effect.also) if name]
+
+    @property
     def key(self):
         """Its name among the effects inside a filter."""
         return self.name if self.number == 1 else f"{self.name}_{self.number}"
