@@ -75,8 +75,8 @@ def model_file():
 
 def _low_pass():
     """A digital low-pass that an effect passes before it is recorded, or null."""
-    forms = CATALOGUE["bandwidth"].of_all
-    return _object(["variant", "tau"], variant=dict(enum=list(forms)), tau=dict(
+    forms = [form for form, _ in CATALOGUE["bandwidth"].of_all]
+    return _object(["variant", "tau"], variant=dict(enum=forms), tau=dict(
         type="number", **POSITIVE)) | dict(type=["object", "null"])
 
 

@@ -84,11 +84,15 @@ def dense(theta, n, bias_sigma=1.0):
             + sigma_v**2 * np.eye(n) + bias_sigma**2)
 
 
-def bilinear(tau, samples, order=2):
+def through_low_pass(form, tau, samples):
     """What white noise becomes by SciPy's digital Butterworth filter, but for zeros
-    which are not quite at half the rate of one a second: the response (N, N) to each of
-    its values.
+    which are not quite at half the rate of one a second, or by an exponential average,
+    as a form of bandwidth says: the response (N, N) to each of its values.
     """
+    if form == "exponential":
+        a = np.exp(-1.0 / tau)
+        return lfilter([1.0 - a], [1.0, -a], np.eye(samples), axis=0)
+    order = 1 if form == "digital first order" else 2
     b, a = butter(order, 1.0 / (np.pi * tau))
     zeros = np.poly(order * [-ZERO])
     return lfilter(b.sum() / zeros.sum() * zeros, a, np.eye(samples), axis=0)

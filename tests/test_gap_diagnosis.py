@@ -19,6 +19,8 @@ from sensorlab.gap import (
 from sensorlab.gap.verdict import SLIGHT
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
+STRONG_WALK = [sensorid.hypothesis("random_walk", sigma_w=(0.4, 1.6),
+                                   sigma_v=(0.3, 1.0))]
 
 
 def test_columns_may_be_a_table():
@@ -564,6 +566,18 @@ def test_wrong_units_are_one_factor_on_all_standard_deviations():
     assert again.verdict in ("none", "undecided")
 
 
+@pytest.mark.parametrize("factor", [57.2958, large(1.0 / 206.265)])
+def test_units_are_told_where_a_simulator_has_wide_ranges(factor):
+    """Either end of a range is so far off that no slope there tells the way."""
+    y = factor * sensorid.simulate([sensorid.hypothesis(
+        "random_walk", sigma_w=1.2, sigma_v=0.6)], DT, 1500, seed=5).error[0]
+    d = sensorlab.diagnose(y, DT, STRONG_WALK)
+    assert d.verdict == "wrong_parameter" and d.causes[0].probability > 0.8
+    assert d.found[0].values["parameter"][0] == "all"
+    mean, sd = d.found[0].values["factor"]
+    assert abs(mean - factor) < 3.0 * sd < 2.0 * factor
+
+
 def test_a_sensor_noisier_than_its_range_has_no_change_of_noise():
     rng = np.random.default_rng(0)
     y = np.cumsum(0.1 * rng.standard_normal(1000)) + 2.5 * rng.standard_normal(1000)
@@ -723,6 +737,24 @@ def test_a_walk_is_found_before_a_low_pass_and_behind_it(passes, form):
     assert d.found[0].variant == form
     mean, sd = d.found[1].values["sigma_w"]
     assert abs(mean - 0.01) < 3.0 * sd
+
+
+@pytest.mark.parametrize("form, seed, b, a", [
+    ("exponential", 5, [0.25], [1.0, -0.75]), ("digital", 3, *signal.butter(2, 0.1)),
+    *(large("exponential", seed, [0.25], [1.0, -0.75]) for seed in (2, 4)),
+    *(large("digital", seed, *signal.butter(2, 0.1)) for seed in (1, 6))])
+def test_a_low_pass_of_what_mostly_drifts_is_named(form, seed, b, a):
+    """Next to such a drift, what it leaves at half the rate is as little as rounding.
+    """
+    w, v = np.random.default_rng(seed).standard_normal((2, 2000))
+    d = sensorlab.diagnose(signal.lfilter(b, a, np.cumsum(w) + 0.5 * v), 1.0,
+                           STRONG_WALK)
+    (found,) = d.found
+    assert (d.verdict, found.variant) == ("bandwidth", form)
+    assert d.remainder.p_value > 0.01
+    if form == "exponential":
+        mean, sd = found.values["tau"]
+        assert abs(mean + 1.0 / np.log(0.75)) < 3.0 * sd < 0.5 * mean
 
 
 @pytest.mark.large

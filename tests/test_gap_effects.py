@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL, bilinear, member
+from conftest import DT, MODEL, member, through_low_pass
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_triangular
 from scipy.signal import lfilter
@@ -54,11 +54,12 @@ def butterworth(tau, times):
 
 
 @pytest.mark.parametrize("tau", [0.33, 0.5, 9.0])
-@pytest.mark.parametrize("order, variant", [(1, "digital first order"), (2, "digital")])
+@pytest.mark.parametrize("variant", [
+    "digital first order", "digital", "exponential"])
 @pytest.mark.parametrize("model, theta", [
     ("random_walk", dict(sigma_w=0.1)),
     ("random_walk_markov", dict(sigma_w=0.1, tau_m=12.0, sigma_m=0.6))])
-def test_all_processes_pass_a_digital_low_pass(model, theta, order, variant, tau):
+def test_all_processes_pass_a_digital_low_pass(model, theta, variant, tau):
     """Against covariances through SciPy's filter, far from where it begins."""
     N, sigma_v, wide = 600, 0.4, 1e3
     t = np.arange(N)
@@ -67,7 +68,7 @@ def test_all_processes_pass_a_digital_low_pass(model, theta, order, variant, tau
     cov += theta["sigma_w"]**2 * np.minimum.outer(t + 1, t + 1)
     if "tau_m" in theta:
         cov += theta["sigma_m"]**2 * np.exp(-lag / theta["tau_m"])
-    L = bilinear(tau, N, order)
+    L = through_low_pass(variant, tau, N)
     late = slice(N - 150, N)
     own = (L @ cov @ L.T)[late, late]    # and a constant, of which nothing is known
     y = np.linalg.cholesky(own) @ np.random.default_rng(3).standard_normal(150) + 2.0

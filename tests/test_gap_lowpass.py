@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import WHITE, bilinear, large, member
+from conftest import WHITE, large, member, through_low_pass
 from numpy.testing import assert_allclose
 from scipy import signal
 
@@ -18,18 +18,19 @@ from sensorlab.gap.account import fixed
 from sensorlab.gap.catalogue import MIN_PULSE
 from sensorlab.gap.lowpass import LowPass
 
-FORMS = ("digital first order", 1, 0.9), ("digital", 2, 1.3), ("digital", 2, 4.0)
+FORMS = (("digital first order", 0.9), ("digital", 1.3), ("digital", 4.0),
+         ("exponential", 3.0))
 N, SPREAD = 300, 2.0
 
 
-@pytest.fixture(params=FORMS, ids=lambda form: f"order {form[1]}, tau {form[2]}")
+@pytest.fixture(params=FORMS, ids=lambda form: f"{form[0]}, tau {form[1]}")
 def behind(request):
     """A record with a gap, of white noise through a low-pass, and that; `Solved`; the
     low-pass and the inverse covariance as matrices.
     """
-    variant, order, tau = request.param
-    long = bilinear(tau, N + 1000, order)
-    y = (long @ np.random.default_rng(order).standard_normal(N + 1000))[1000:] + 1.0
+    variant, tau = request.param
+    long = through_low_pass(variant, tau, N + 1000)
+    y = (long @ np.random.default_rng(2).standard_normal(N + 1000))[1000:] + 1.0
     y[100:110] = np.nan
     scene, one = Scene(y, 1.0, {}), LowPass(variant, tau)
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=SPREAD)
@@ -38,7 +39,7 @@ def behind(request):
     seen, cov = ~np.isnan(y), (long @ long.T)[1000:, 1000:] + SPREAD**2
     inverse = np.zeros((N, N))
     inverse[np.ix_(seen, seen)] = np.linalg.inv(cov[np.ix_(seen, seen)])
-    return scene, one, solved, bilinear(tau, N, order), inverse
+    return scene, one, solved, through_low_pass(variant, tau, N), inverse
 
 
 def test_a_low_pass_is_that_of_scipy(behind):
@@ -50,7 +51,7 @@ def test_a_low_pass_is_that_of_scipy(behind):
     assert_allclose(one.passed(columns + 5.0, 1.0), L @ columns + 5.0, atol=1e-12)
     assert_allclose(one.back(rows, 1.0), rows @ L, atol=1e-12)
     w = np.linspace(0.0, np.pi, 9)
-    response = bilinear(one.tau, 4000, 2 if one.variant == "digital" else 1)[:, 0]
+    response = through_low_pass(one.variant, one.tau, 4000)[:, 0]
     assert_allclose(one.power(2.0 - 2.0 * np.cos(w), 1.0), np.abs(
         signal.freqz(response, worN=w)[1])**2, atol=1e-9)
 
@@ -132,8 +133,8 @@ def test_a_record_of_a_model_has_edges_as_its_low_pass_leaves_them(tmp_path):
     scene = Scene(np.zeros(200), 1.0, {})
     for own in simulator, modelfiles.read_model(file).simulator:
         y = simulate_effects(own, scene).error[0]
-        assert_allclose(y, 2.0 * bilinear(3.0, 200) @ (np.arange(200) >= 50),
-                        atol=1e-10)
+        assert_allclose(y, 2.0 * through_low_pass("digital", 3.0, 200) @ (
+            np.arange(200) >= 50), atol=1e-10)
     tree = json.loads(file.read_text())
     for variant, tau in ("third order", 3.0), ("digital", -1.0):
         tree["hypotheses"][0]["effects"][0]["low_pass"] = dict(variant=variant, tau=tau)

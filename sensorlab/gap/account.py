@@ -126,6 +126,8 @@ def guesses_from(past, number, h, scene, signatures):
         if one.effect.relative_to and one.key not in [own.key for own in other.effects]:
             return [*result, _louder_with(one, h, keys, scene, signatures, other,
                                           sample, kept)]
+        if (one.key, "factor") in keys and (one.key, "factor") not in known:
+            return [*result, _scaled(one, h, keys, scene, signatures, other)]
     driven = h.driven
     if driven and driven.key not in [one.key for one in other.effects]:
         return [*result, _before_change(h, keys, scene, signatures, other, sample)]
@@ -189,6 +191,22 @@ def _louder_with(one, h, keys, scene, signatures, other, sample, kept):
         (0.5 * (near[:, 2] - near[:, 0]))**2 + NARROWEST**2), kept)
 
 
+def _scaled(one, h, keys, scene, signatures, other):
+    """The law of the free parameters `keys` of a hypothesis in which one factor is on
+    all standard deviations: what the scores of another have in the middle of its prior,
+    all else as in that.
+    """
+    middle = np.array([[p.mean for p in other.parameters]])
+    z = predict(other, scene, signatures, middle).z[0, 0]
+    factor, key = float(np.sqrt(np.nanmean(z**2))), (one.key, "factor")
+    prior = dict(zip(h.keys, h.parameters))[key]
+    low, x, high = (_coordinate(prior, factor * by) for by in (
+        1.0 / SCALED, 1.0, SCALED))
+    return _spread(keys, [key], np.array([x]), np.array([[
+        (0.5 * (high - low))**2 + NARROWEST**2]]))
+
+
+SCALED = 2.0    # by how much a factor may be another elsewhere in the prior
 COORDINATES = np.linspace(-4.0, 4.0, 801)    # of a prior
 NARROWEST = 0.01    # standard deviation of one, of a law from which nodes are moved
 

@@ -272,14 +272,17 @@ def _bias_instability(scene, filt, sigma):
     return beside(filt, np.exp(-1.0 / tau), [own * B for own in np.sqrt(variance)])
 
 
+EXPONENTIAL = "exponential"    # a form of `bandwidth`, that of white noise alone of
+                               # which is of first order: an average of all that was
 NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at zero
 
 
 def _bandwidth(scene, filt, tau, variant=""):
     """The white noise passes a low-pass of unit gain at rest, of first order or of
-    second (Butterworth), or a digital one (the bilinear transform of either), which
-    random walks and Markov processes pass, too, if it is not of white noise alone: it
-    lets nothing of them through where it lets no white noise through.
+    second (Butterworth), or a digital one (the bilinear transform of either, or an
+    exponential average), which random walks and Markov processes pass, too, if it is
+    not of white noise alone: it lets nothing of them through where it lets no white
+    noise through.
     """
     rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[..., :1]
     if filt.Psi.shape[-1] > 1:    # it changes, and so does what drives the low-pass
@@ -288,7 +291,7 @@ def _bandwidth(scene, filt, tau, variant=""):
         change = filt.Psi / np.where(white > 0.0, white, 1.0)
         return even._replace(Gamma=even.Gamma * np.where(
             own, change[..., None, None], 1.0))
-    if variant.startswith("digital"):
+    if variant == EXPONENTIAL or variant.startswith("digital"):
         return _through(digital(variant, scene.dt / tau), rest, white,
                         [] if variant.endswith("white noise") else _alone(rest))
     if variant != "second order":
@@ -391,16 +394,19 @@ def digital(variant, cut_off):
     """White noise of variance 1 through a digital low-pass, a form of `bandwidth`, its
     cut-off in radians a sample; the noise is the last state.
     """
-    return (_of_first_order if "first order" in variant else _of_second_order)(cut_off)
+    if variant == EXPONENTIAL:
+        return _of_first_order(np.tanh(0.5 * cut_off), 0.0)
+    K = np.tan(np.minimum(0.5 * cut_off, MOST_WARPED))
+    return _of_first_order(K) if "first order" in variant else _of_second_order(K)
 
 
-def _of_second_order(cut_off):
+def _of_second_order(K):
     """White noise w through the bilinear transform of a Butterworth filter:
     b (1 + ZERO / z)^2 / (1 - c / z - d / z^2).
 
-    That is b0 w and two states that w drives by b1 and b2.
+    That is b0 w and two states that w drives by b1 and b2. K is the tangent of half the
+    cut-off.
     """
-    K = np.tan(np.minimum(0.5 * cut_off, MOST_WARPED))
     all_of = 1.0 + np.sqrt(2.0) * K + K**2
     b, c = 4.0 * K**2 / all_of / (1.0 + ZERO)**2, 2.0 * (1.0 - K**2) / all_of
     d = (np.sqrt(2.0) * K - 1.0 - K**2) / all_of
@@ -419,14 +425,13 @@ def _of_second_order(cut_off):
 LEAST_POLE = 1e-4    # for less, of the pole: at zero it is that of the white noise
 
 
-def _of_first_order(cut_off):
-    """The same of first order, b (1 + ZERO / z) / (1 - c / z): b0 w and a state that w
+def _of_first_order(K, zero=ZERO):
+    """The same of first order, b (1 + zero / z) / (1 - c / z): b0 w and a state that w
     drives by b1.
     """
-    K = np.tan(np.minimum(0.5 * cut_off, MOST_WARPED))
-    b, c = 2.0 * K / (1.0 + K) / (1.0 + ZERO), (1.0 - K) / (1.0 + K)
+    b, c = 2.0 * K / (1.0 + K) / (1.0 + zero), (1.0 - K) / (1.0 + K)
     c = np.where(np.abs(c) < LEAST_POLE, LEAST_POLE, c)
-    b0 = -b * ZERO / c
+    b0 = -b * zero / c
     b1 = b - b0
     # 1 - c^2 of a slow one is too small to be a difference
     P0 = [[b1**2 * (1.0 + K)**2 / (4.0 * K), b0 * b1], [b0 * b1, b0**2]]
@@ -995,9 +1000,13 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="damp vibration; an alias moves with the sampling rate"),
     Effect("bandwidth", model=_bandwidth, elementwise=True, search="spectrum",
            variants=("first order", "second order", "digital", "digital first order",
-                     "digital white noise", "digital first order white noise"),
-           of_all=("digital", "digital first order"),
+                     "digital white noise", "digital first order white noise",
+                     EXPONENTIAL),
+           of_all=(("digital", "digital white noise"),
+                   ("digital first order", "digital first order white noise"),
+                   (EXPONENTIAL, "first order")),
            uneven=(("digital", "second order"), ("digital first order", "first order"),
+                   (EXPONENTIAL, "first order"),
                    ("digital white noise", "second order"),
                    ("digital first order white noise", "first order")),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
@@ -1005,9 +1014,10 @@ CATALOGUE = {effect.name: effect for effect in (
                     "+ sqrt(2) tau dV/dt = v - V, sampled, with the density that v has "
                     "at rest; a digital one (of second order, or "
                     "first), the bilinear transform of either that keeps the cut-off "
-                    "1 / (2 pi tau), has random walks, Markov processes and what "
-                    "begins at some time pass it, too, or the white noise alone, if no "
-                    "noise changes; tau in s",
+                    "1 / (2 pi tau), or an exponential one, y + a (Y - y) with a = "
+                    "exp(-dt / tau) and Y the value before, has random walks, Markov "
+                    "processes and what begins at some time pass it, too, or the white "
+                    "noise alone, if no noise changes; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("blue_noise", model=_blue_noise, elementwise=True, search="spectrum",
            parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),

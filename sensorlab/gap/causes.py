@@ -466,7 +466,8 @@ def _told_by_spectra(richer, scene, acc):
             theta, moved = move(theta)
         ll = log_likelihoods(h, scene, acc.signatures, theta) + moved
         return max(height - 0.5 * mean @ mean + 0.5 * np.linalg.slogdet(cov)[1]
-                   for height, (mean, cov) in zip(ll, laws))
+                   for height, (mean, cov) in zip(
+                       np.where(np.isfinite(ll), ll, -np.inf), laws))
     return mean_evidence(side_by_side(of, range(len(richer)))) - acc.log_evidence
 
 

@@ -170,6 +170,8 @@ def _pooled(scene, scored, past):
         np.log(len(s.theta)) - s.log_evidence + log_likelihoods(
             s.hypothesis, scene, s.account.signatures, theta) for s in scored])
     mixture = log_sum(laws, axis=0)
+    fine = np.isfinite(mixture + ll[:, 0])    # at others a filter breaks down
+    theta, ll, laws, mixture = theta[fine], ll[fine], laws[:, fine], mixture[fine]
     # families that were asked for at nodes of few laws have these alone
     times = np.sum([s.asked for s in scored], axis=0)
     for few in set(times.tolist()) - {len(scored)}:

@@ -101,8 +101,8 @@ class Effect(NamedTuple):
                                 # takes the variant, where there are variants, and x,
                                 # where it is relative to something
     variants: tuple = ()        # forms of a model; "" is the first
-    of_all: tuple = ()          # those that act on all processes, found before or
-                                # since; "... white noise" are not
+    of_all: tuple = ()          # pairs of one that acts on all processes, found before
+                                # or since, and of the same on the white noise alone
     uneven: tuple = ()          # pairs of a form and of that which stands in for it
                                 # where a noise changes
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
@@ -191,7 +191,7 @@ class Found(NamedTuple):
     @property
     def acts_on_all(self):
         """Is it in a form that acts on all processes?"""
-        return self.variant in self.effect.of_all
+        return self.variant in dict(self.effect.of_all)
 
 
 class Simulator(NamedTuple):
@@ -466,7 +466,7 @@ class Member(NamedTuple):
         """
         known = [one.key for one in base.effects]
         return self._replace(effects=tuple(
-            one._replace(variant=f"{one.variant} white noise")
+            one._replace(variant=dict(one.effect.of_all)[one.variant])
             if one.acts_on_all and one.key not in known else one
             for one in self.effects))
 

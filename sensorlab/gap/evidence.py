@@ -316,7 +316,7 @@ def _next_law(points, log_weight, effective, found, laws):
     return mean, cov
 
 
-MAX_CLIMB = 12    # steps
+MAX_CLIMB = 48    # steps
 FAR = 1.0         # standard deviations, on average over all axes, from where it was
                   # taken: there a curvature is taken again, which costs d / 4 times as
                   # many points as a slope

@@ -42,7 +42,7 @@ def _step_sizes(node, residual, w, cov, steps, rounding, size, information):
     """
     C, M, N = w.shape
     number, cross = 0.0, np.zeros(C)
-    least = 1e-9 * steps[node].max()    # after the last sample seen there is none
+    least = 1e-9 * np.abs(steps[node]).max()    # after the last one seen there is none
     for i in range(N - 1, 0, -1):
         number += residual[node, i]
         J = steps[node, i]
@@ -51,7 +51,7 @@ def _step_sizes(node, residual, w, cov, steps, rounding, size, information):
         for c in range(C):
             for d in range(C):
                 J -= cross[c] * cov[node, c, d] * cross[d]
-        J = max(J, max(1e-6, rounding) * steps[node, i] + least)
+        J = max(J, max(1e-6, rounding) * abs(steps[node, i]) + least)
         size[i - 1], information[i - 1] = number / J, J
 
 

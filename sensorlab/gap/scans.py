@@ -35,8 +35,9 @@ def _line_information(turn, count, a, q, r, J):
         share = (r[node].mean() - low) / (high - low) if high != low else 0.0
         for j in range(len(turn)):
             S = spectrum(a[node], q[node], turn[j])
+            # where processes cancel, what is left is rounding, of either sign
             J[node, j] += 0.5 * count * (
-                (1.0 - share) / (S + low) + share / (S + high))
+                (1.0 - share) / abs(S + low) + share / abs(S + high))
 
 
 PADDING = 4    # frequencies per 1 / T, at least

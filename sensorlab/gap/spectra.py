@@ -84,7 +84,7 @@ def _densities(h, scene, theta, frequency):
         own, len(scene.y), np.exp(-1j * angle))
     for a, q in zip(own.a.T[..., None], own.q.T[..., None]):
         density += (q / ((1.0 - a)**2 + a * turn)).real
-    return density
+    return np.abs(density)    # where they cancel, what is left is rounding
 
 
 def promise(richer, scene, seen, theta):
