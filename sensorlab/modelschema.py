@@ -35,6 +35,7 @@ END = dict(type=["number", "null"])
 READINGS = dict(
     lsb=dict(type="number", **POSITIVE),
     frequency=dict(type="number", **POSITIVE),
+    window=dict(type="number", **POSITIVE),
     phase=dict(type=["number", "null"], **NOT_NEGATIVE),
     limits=dict(type="array", items=END, minItems=2, maxItems=2),
     codes=dict(type="array", minItems=2, items=dict(

@@ -41,7 +41,7 @@ Notation
 The files read in the order of the argument; each takes only from those before it:
 costs, effects, catalogue, kernels, lowpass, unrolled, steps, mixtures, filters,
 evidence, joint, screens, spectra, signatures, onsets, scans, tuning, clipping,
-readings, account, directed, causes, pairs, probes, places, distance, closure, drift,
-twins, flexible, search, remainder, verdict, diagnosis, blackbox, sizes, words, report,
-curves.
+averages, readings, account, directed, causes, pairs, probes, places, distance, closure,
+drift, twins, flexible, search, remainder, verdict, diagnosis, blackbox, sizes, words,
+report, curves.
 """

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 from numba import njit
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import nnls
 from scipy.signal import butter, lfilter, lfilter_zi
 
@@ -586,6 +587,19 @@ def _stick(scene, y, spans):
         y[..., first:first + int(length)] = y[..., first:first + 1]
 
 
+def average(scene, y, window):
+    """Every sample becomes the mean of all in a window that ends with it; before the
+    record, of its first.
+    """
+    taps = taps_of(scene, window)
+    y[:] = uniform_filter1d(y, taps, mode="nearest", origin=(taps - 1) // 2)
+
+
+def taps_of(scene, window):
+    """Samples in a window, at least one."""
+    return max(round(window / scene.dt), 1)
+
+
 def repeat(scene, y, frequency, phase):
     """Every sample becomes the last that a sensor of a rate of its own has given. With
     no phase it gives them at random: where the scene's record has them if it has.
@@ -1113,6 +1127,12 @@ CATALOGUE = {effect.name: effect for effect in (
                     "if it samples at random",
            resembles="stuck samples, quantization",
            experiment="compare the counters of sensor and logger, poll faster"),
+    Effect("moving_average", reading=average,
+           equation="the mean of y over a window that ends with the sample; window in "
+                    "s, whole sampling intervals",
+           resembles="bandwidth",
+           experiment="look for zeros of the spectrum at multiples of one over the "
+                      "window; switch off what smooths the data"),
     Effect("wrong_parameter", factor=1000.0,
            equation="one parameter of the simulator, or all standard deviations, is "
                     "factor times what it says: the middle of a narrow range, the "

@@ -117,8 +117,8 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
                    known=NO_OTHER, among=1):
     """`Further`: probability of every further effect, Eq. (10), and the best account.
 
-    Without `processes`, for signatures, jumps and changes. `by_chance` gives ln B that
-    an effect has where it is not, if that may be more than nothing; `known` is the name
+    Without `processes`, for signatures, jumps and changes. `by_chance` gives what of
+    ln B an effect has not where it is none, if that may be much; `known` is the name
     of an effect of which ln B is known, and that; without a name it is what others
     have, and if all here come to far less, none is told of. Each is as likely as one
     `among` so many, a priori, if there are fewer here.
@@ -676,7 +676,7 @@ def _with_best(inside, plain, reference, rivals, signatures, glimpsed, by_chance
         # what stood in for the jumps may mislead
         worth = best.log_bayes if plain is scene else min(best.log_bayes, worth)
         if by_chance:
-            worth -= by_chance(best.effect)
+            worth = by_chance(best.effect, worth)
         if worth == best.log_bayes:
             return weighed, settled(best, chosen)
         rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=worth)

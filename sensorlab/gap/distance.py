@@ -196,8 +196,10 @@ def _setting(scene, acc, first):
         fitted = scene._replace(y=np.where(np.arange(len(scene.y)) < first, own[0],
                                            np.nan))
     lsb, noise = lattice_and_noise(scene.y + scene.known)
+    # of an average, what was rounded before it has fine digits, too
+    averaged = any("window" in r.found.values for r in acc.readings)
     return _Setting(scene, acc, first, own, fitted, late,
-                    lsb if lsb <= COARSE * noise else 0.0,
+                    lsb if lsb <= COARSE * noise and not averaged else 0.0,
                     any(misleads(r, noise) for r in acc.readings))
 
 

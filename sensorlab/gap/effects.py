@@ -545,9 +545,11 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
                     symbol: p.quantile(rng.random()) if isinstance(p, Parameter) else p
                     for symbol, p in one.values.items()})
     for number, (_, effects) in enumerate(simulator.pairs):
-        # a converter has its codes before these are rounded to whole ones
+        # a converter has its codes before these are rounded to whole ones, and all is
+        # read before it is averaged
         readings = sorted((one for one in effects if one.effect.reading),
-                          key=lambda one: "codes" not in one.values)
+                          key=lambda one: ("window" in one.values,
+                                           "codes" not in one.values))
         if not readings:
             continue
         own = drawn.hypothesis == number

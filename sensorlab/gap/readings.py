@@ -9,9 +9,10 @@ from scipy.optimize import minimize, nnls
 from scipy.special import erf, gammaln, log_ndtr, logsumexp, ndtr, ndtri, xlogy
 
 from sensorid import brief
+from sensorlab.gap.averages import FEWEST_TAPS, FEWEST_TURNS, averaged_over, undone
 from sensorlab.gap.catalogue import (
     CALM, CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between,
-    noise_where_calm, repeated_at_random, spread_where_calm)
+    noise_where_calm, repeated_at_random, spread_where_calm, taps_of)
 from sensorlab.gap.clipping import unclipped
 from sensorlab.gap.effects import Found
 
@@ -69,9 +70,15 @@ ROUNDING = 1e-9       # of the white noise: equal but for rounding
 
 def readings(scene):
     """Quantization, uneven codes, saturation, repeated and stuck samples of a record
-    from which nothing was taken away, as a tuple of Reading.
+    from which nothing was taken away, or a moving average, as a tuple of Reading.
     """
     y, N, seen = scene.y, len(scene.y), []
+    taps, log_bayes = averaged_over(y)
+    if taps:    # of what was read before it, no value but the counts shows anything
+        average = Reading(_found("moving_average", window=taps * scene.dt), log_bayes,
+                          np.zeros(N, bool), False)
+        lsb, y = taps * lattice(y), undone(y, taps)
+        return average, *_rounded(y, lsb, _noise(y, lsb))
     own = _own_rate(y)
     if own:
         rate, phase, repeated = own
@@ -99,16 +106,26 @@ def readings(scene):
         spans = [[float(begin * scene.dt), int(n)] for begin, n in spans]
         seen.append(Reading(_found("stuck", spans=spans),
                             COINCIDENCE * float(stuck.sum()), stuck, False))
-    if lsb > COARSE * noise:
-        hides = lsb > HIDING * noise and lsb > NOISY * _noise(y, lsb, SOON)
-        seen.append(Reading(_found("quantization", lsb=lsb), COINCIDENCE * N,
-                            np.zeros(N, bool), bool(hides),
-                            bool(lsb > NOISY * noise and not hides), bool(moved)))
+    counts = _rounded(y, lsb, noise, bool(moved))
+    seen += counts
+    if counts:
         codes, log_bayes = _codes(y[~(clipped | stuck)], lsb)
         if codes and not moved:
             seen.append(Reading(_found("differential_nonlinearity", codes=codes),
                                 log_bayes, np.zeros(N, bool), False))
     return tuple(seen)
+
+
+def _rounded(y, lsb, noise, moved=False):
+    """The `Reading` of rounding to multiples of lsb, if they are not so fine as digits
+    that are printed, in a list.
+    """
+    if lsb <= COARSE * noise:
+        return []
+    hides = lsb > HIDING * noise and lsb > NOISY * _noise(y, lsb, SOON)
+    return [Reading(_found("quantization", lsb=lsb), COINCIDENCE * len(y),
+                    np.zeros(len(y), bool), bool(hides),
+                    bool(lsb > NOISY * noise and not hides), moved)]
 
 
 def compared(scene, own, simulated=None):
@@ -147,10 +164,12 @@ def compared(scene, own, simulated=None):
 
 
 ALIKE = 0.02    # relative: two counts or limits that are the same
-WRONG = dict(quantization="lsb", repeated_samples="frequency", saturation="limits")
+WRONG = dict(quantization="lsb", repeated_samples="frequency", saturation="limits",
+             moving_average="window")
 NONE = dict(    # the values of a reading that does nothing
     quantization=lambda scene: dict(lsb=lattice(scene.y)),
-    repeated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi))
+    repeated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi),
+    moving_average=lambda scene: dict(window=scene.dt))
 
 
 def _alike(own, seen, samples):
@@ -168,6 +187,9 @@ def _would_show(scene, one):
     """Would a record like that of a scene show a reading of a simulator?"""
     if one.name == "quantization":
         return one.values["lsb"] > COARSE * lattice_and_noise(scene.y)[1]
+    if one.name == "moving_average":
+        return FEWEST_TAPS * scene.dt <= one.values["window"] <= (
+            scene.duration / FEWEST_TURNS)
     return len(scene.y) * (1.0 - one.values["frequency"] * scene.dt) > 2.0 * FEWEST
 
 
@@ -693,4 +715,7 @@ def without_readings(scene, y, seen):
     for one in seen:
         if "limits" not in one.found.values:
             y[:, one.masked] = np.nan
+    for one in seen:
+        if "window" in one.found.values:
+            y = undone(y, taps_of(scene, **one.found.values))
     return y

@@ -206,9 +206,10 @@ THEIR_SEED = 1
 
 
 def _by_rounding(full, acc, theta):
-    """Function that gives the largest ln B of an effect in records of the simulator of
-    an account at theta, which has no such effect: what rounding to counts coarser than
-    the noise adds is no white noise, and may look like one.
+    """Function of an effect and its ln B that gives what of this records of the
+    simulator of an account at theta have not, where there is no such effect: what
+    rounding to counts coarser than the noise adds is no white noise, and may look like
+    one. Beyond the largest of theirs, chance has the exponential law of their spread.
     """
     scene = as_read(full, acc.readings)
     simulator = in_place(as_simulated(acc, scene, theta), acc, scene)
@@ -222,11 +223,15 @@ def _by_rounding(full, acc, theta):
                               acc.readings, acc)
 
     @functools.cache
-    def largest(effect):
+    def theirs(effect):
         say(f"looking for {effect.name.replace('_', ' ')} where there is none", 4)
         with heard_by(None, 0):
-            return max(largest_bayes(*own(y), effect) for y in range(number))
-    return largest
+            return [largest_bayes(*own(y), effect) for y in range(number)]
+
+    def beyond(effect, log_bayes):
+        over = log_bayes - max(theirs(effect))
+        return over / max(np.std(theirs(effect)), 1.0) if over > 0.0 else over
+    return beyond
 
 
 def narrowed(full, done, names, glanced):

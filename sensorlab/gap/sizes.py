@@ -58,7 +58,8 @@ def odds(log_bayes):
 
 # ---- sizes
 
-SECONDS = ("onset", "duration", "quiet", "tau", "dwell", "vertex", "tau_m", "tau_n")
+SECONDS = ("onset", "duration", "quiet", "tau", "dwell", "vertex", "tau_m", "tau_n",
+           "window")
 OF_THE_RECORD = ("size", "amplitude", "sigma", "sigma_v", "sigma_m", "sigma_n", "lsb",
                  "limits", "codes")
 

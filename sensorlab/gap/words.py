@@ -39,6 +39,7 @@ PHRASES = dict(
     random_telegraph="random telegraph noise", random_steps="random steps",
     differential_nonlinearity="codes of uneven width (differential nonlinearity)",
     quantization="quantization", saturation="saturation", stuck="stuck samples",
+    moving_average="a moving average",
     wrong_parameter="the right value of a parameter",
     unknown="something that no effect of the catalogue explains")
 
