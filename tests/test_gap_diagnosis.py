@@ -1,6 +1,7 @@
 """Verdicts, and what is said beside them."""
 
 import json
+import re
 
 import generator
 import numba
@@ -576,6 +577,27 @@ def test_units_are_told_where_a_simulator_has_wide_ranges(factor):
     assert d.found[0].values["parameter"][0] == "all"
     mean, sd = d.found[0].values["factor"]
     assert abs(mean - factor) < 3.0 * sd < 2.0 * factor
+
+
+@pytest.mark.parametrize("bias, given, said", [
+    (300.0, 1.0, "the bias is 300 .* it is taken as it is, and is no effect here"),
+    (7.0, 1.0, "without .* the bias would be .* give it in the model file"),
+    (0.5, 1.0, None), (300.0, None, None)])
+def test_a_bias_beyond_what_is_given_is_said(bias, given, said):
+    walk = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5,
+                                bias_sigma=given)]
+    rng = np.random.default_rng(8)
+    y = bias + np.cumsum(0.1 * rng.standard_normal(2000)) + 0.5 * rng.standard_normal(
+        2000)
+    d = sensorlab.diagnose(y, DT, walk)
+    advice = "\n".join(words.advice(d, "u"))
+    if said:
+        assert re.search(said, advice)
+    else:
+        assert "bias_sigma" not in advice
+    assert (d.verdict == "none") is (bias != 7.0)
+    if bias == 300.0:    # as a mean of the first samples tells
+        assert abs(d.bias.mean - np.mean(y[:10])) < 4.0 * d.bias.sd < 2.0
 
 
 def test_a_sensor_noisier_than_its_range_has_no_change_of_noise():

@@ -34,6 +34,20 @@ from sensorlab.gap.verdict import (
     all_causes, names_all, names_in, needed_duration, unknown_error, verdict_of)
 
 
+class Bias(NamedTuple):
+    """What a record shows of its bias, and what the simulator says of it."""
+
+    mean: float
+    sd: float
+    sigma: float    # that is given; NaN if none is
+    taken: bool     # is it more than the simulator expects, and taken as it is?
+
+    @property
+    def is_large(self):
+        """Is it more than what is given?"""
+        return bool(abs(self.mean) > UNEXPECTED * np.hypot(self.sigma, self.sd))
+
+
 class Diagnosis(NamedTuple):
     """Answer of `diagnose`: where the gap lies, which effect causes it, how far it
     shrinks.
@@ -57,6 +71,7 @@ class Diagnosis(NamedTuple):
     drift: tuple             # of Drift: the error integrated over horizons
     nats_per_sample: float   # gain of the one-step-ahead log score
     held_out: tuple          # HeldOut; None where nothing was found to foretell from
+    bias: tuple              # Bias of the record beside the simulator as it was
     needed_duration: float   # s; NaN unless undecided
 
     __repr__ = brief
@@ -198,7 +213,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         float((final.log_evidence - start.log_evidence) / seen),
         held_out(full, start, final, trials, seed + 2)
         if more or final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis
-        else None,
+        else None, _bias(simulator, known, base, full),
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
 
 
@@ -275,9 +290,7 @@ def augmented(d):
     width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(theta))
     ((h, effects),) = as_simulated(d.final, d.scene, theta, width).pairs
     effects = _with_ranges(d, effects)
-    known = sum((signature_of(d.scene, one, known_values(one))
-                 for one in d.known), 0.0)
-    offset = float(np.mean(d.scene.known - known))
+    offset = _offset(d.scene, d.known)
     base = d.final.bases[d.final.best].hypothesis
     bias_sigma = max(h.bias_sigma or base.bias_sigma, abs(offset))
     if not base.bias_given:    # nobody has said how large it may be
@@ -286,6 +299,25 @@ def augmented(d):
     h = _before_rounding(d, h)._replace(bias_sigma=bias_sigma, bias_given=True)
     return Simulator((h,), (tuple(map(_at_any_phase, (
         *d.known, *map(_there_or_not, effects)))),))
+
+
+def _bias(simulator, known, base, full):
+    """`Bias` of a record beside the simulator as it was, less the signatures that are
+    known.
+    """
+    h, prior = simulator.hypotheses[base.best], base.bases[base.best].bias_sigma
+    mean, sd = bias_of(base, as_read(full, base.readings)) if prior else (0.0, 0.0)
+    by_record = prior**2 - sd**2    # its share of what is known, as a variance
+    if by_record > 0.0:
+        mean, sd = mean * prior**2 / by_record, sd * prior / np.sqrt(by_record)
+    return Bias(mean + _offset(full, known), sd, h.bias_sigma if h.bias_given else
+                np.nan, prior > h.bias_sigma)
+
+
+def _offset(full, known):
+    """What was taken off a record beside the signatures that are known."""
+    return float(np.mean(full.known - sum((
+        signature_of(full, one, known_values(one)) for one in known), 0.0)))
 
 
 LATENTS = 32    # simulated records that tell how far values of a hypothesis lie apart
