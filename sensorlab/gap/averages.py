@@ -27,13 +27,13 @@ def averaged_over(y):
     first, last = max(_stretches(y), key=np.ptp)
     y = y[first:min(last, first + TELLING)]
     N = len(y)
-    if np.mean(np.diff(y) == 0.0) > MOST_HELD:
+    if N < FEWEST_TAPS * FEWEST_TURNS or np.mean(np.diff(y) == 0.0) > MOST_HELD:
         return 0, 0.0
     power = np.abs(np.fft.rfft((y - y.mean()) * get_window("hann", N)))**2
     power = np.maximum(power, LEAST_LEFT * power.max())
     most = min(N // FEWEST_TURNS, MOST_TAPS)
     gains = {n: _gain(power, N, n) for n in range(FEWEST_TAPS, most + 1)}
-    least = CERTAIN + np.log(max(len(gains), 1))
+    least = CERTAIN + np.log(len(gains))
     n = max((n for n, gain in gains.items() if gain > least), default=0)
     # a mean has the zeros of those of its parts, too: it may be one of more than most
     if not n or not _is_even(undone(y, n), n) or any(

@@ -44,9 +44,11 @@ def simulator_from(records, dt, columns=None):
     records = np.atleast_2d(records)[:MOST_RECORDS]
     first = diagnose(records[0], dt, default_hypotheses(records[0], dt), columns)
     acc = first.final
-    samples, amplitudes = [acc.sample], [_amplitudes(first.scene, acc)]
+    samples, amplitudes = [acc.sample], [_amplitudes(as_read(
+        first.scene, acc.readings), acc)]
+    averages = [r for r in acc.readings if "window" in r.found.values]
     for y in records[1:]:
-        scene = Scene(snapped(y), dt, columns or {})
+        scene = as_read(Scene(snapped(y), dt, columns or {}), averages)
         own = account(scene, acc.bases[acc.best:acc.best + 1], [acc.member],
                       acc.signatures)
         samples.append(own.sample)
