@@ -292,9 +292,9 @@ def _bandwidth(scene, filt, tau, variant=""):
         change = filt.Psi / np.where(white > 0.0, white, 1.0)
         return even._replace(Gamma=even.Gamma * np.where(
             own, change[..., None, None], 1.0))
-    if variant == EXPONENTIAL or variant.startswith("digital"):
-        return _through(digital(variant, scene.dt / tau), rest, white,
-                        [] if variant.endswith("white noise") else _alone(rest))
+    states = [] if variant.endswith("white noise") else _alone(rest)
+    if variant.startswith("digital") or variant == EXPONENTIAL and rest.Gamma.any():
+        return _through(digital(variant, scene.dt / tau), rest, white, states)
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
@@ -1016,6 +1016,7 @@ CATALOGUE = {effect.name: effect for effect in (
            variants=("first order", "second order", "digital", "digital first order",
                      "digital white noise", "digital first order white noise",
                      EXPONENTIAL),
+           alike=("first order", EXPONENTIAL),
            of_all=(("digital", "digital white noise"),
                    ("digital first order", "digital first order white noise"),
                    (EXPONENTIAL, "first order")),

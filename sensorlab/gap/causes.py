@@ -569,6 +569,9 @@ def _probabilities(acc, rivals, among=1):
         for simpler in np.atleast_1d(rival.effect.becomes).tolist():
             if (simpler, rival.at) in number:
                 weight[[k, number[simpler, rival.at]]] += -SIMPLER, SIMPLER
+        if rival.variant in rival.effect.alike:
+            weight[k] /= sum(one.effect is rival.effect and one.at == rival.at
+                             and one.variant in rival.effect.alike for one in rivals)
     share = probabilities([0.0, *(prior + np.log(own) + rival.log_bayes
                                   for own, rival in zip(weight, rivals))])
     return prior, share[0], share[1:]

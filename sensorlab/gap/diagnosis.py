@@ -71,7 +71,8 @@ class Diagnosis(NamedTuple):
     drift: tuple             # of Drift: the error integrated over horizons
     nats_per_sample: float   # gain of the one-step-ahead log score
     held_out: tuple          # HeldOut; None where nothing was found to foretell from
-    bias: tuple              # Bias of the record beside the simulator as it was
+    bias: tuple              # of two Bias: beside the simulator as it was, and with
+                             # the effects that were found
     needed_duration: float   # s; NaN unless undecided
 
     __repr__ = brief
@@ -213,7 +214,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         float((final.log_evidence - start.log_evidence) / seen),
         held_out(full, start, final, trials, seed + 2)
         if more or final.hypotheses[0].hypothesis != start.hypotheses[0].hypothesis
-        else None, _bias(simulator, known, base, full),
+        else None, tuple(_bias(simulator, known, acc, full) for acc in (base, final)),
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
 
 
@@ -301,12 +302,10 @@ def augmented(d):
         *d.known, *map(_there_or_not, effects)))),))
 
 
-def _bias(simulator, known, base, full):
-    """`Bias` of a record beside the simulator as it was, less the signatures that are
-    known.
-    """
-    h, prior = simulator.hypotheses[base.best], base.bases[base.best].bias_sigma
-    mean, sd = bias_of(base, as_read(full, base.readings)) if prior else (0.0, 0.0)
+def _bias(simulator, known, acc, full):
+    """`Bias` of a record beside an account, less the signatures that are known."""
+    h, prior = simulator.hypotheses[acc.best], acc.bases[acc.best].bias_sigma
+    mean, sd = bias_of(acc, as_read(full, acc.readings)) if prior else (0.0, 0.0)
     by_record = prior**2 - sd**2    # its share of what is known, as a variance
     if by_record > 0.0:
         mean, sd = mean * prior**2 / by_record, sd * prior / np.sqrt(by_record)

@@ -103,6 +103,8 @@ class Effect(NamedTuple):
     variants: tuple = ()        # forms of a model; "" is the first
     of_all: tuple = ()          # pairs of one that acts on all processes, found before
                                 # or since, and of the same on the white noise alone
+    alike: tuple = ()           # forms that are one a priori, as they are the same of
+                                # white noise
     uneven: tuple = ()          # pairs of a form and of that which stands in for it
                                 # where a noise changes
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too

@@ -31,7 +31,7 @@ def report(d, record):
                                 where=_place(s, d.remainder.where)),
                  drift=[one._asdict() for one in d.drift],
                  held_out=d.held_out and _held_out(d.held_out)),
-        bias=dict(mean=d.bias.mean, sd=d.bias.sd, bias_sigma=d.bias.sigma),
+        bias=dict(mean=d.bias[1].mean, sd=d.bias[1].sd, bias_sigma=d.bias[1].sigma),
         found=[dict(effect=one.name, column=one.column or None,
                     variant=one.variant or None,
                     low_pass=one.low_pass and one.low_pass._asdict(),

@@ -325,11 +325,12 @@ def advice(d, unit):
             yield (f"{column} is {low[0]:.4g} to {low[1]:.4g} or {high[0]:.4g} "
                    f"to {high[1]:.4g}, never between: whatever else changed "
                    "with it explains the record as well")
-    if d.bias.is_large and (d.bias.taken or d.found):
-        own = (f"{number(d.bias.mean, 3)} +- {number(d.bias.sd, 2)} {unit}, where the "
-               f"simulator has a bias_sigma of {number(d.bias.sigma, 3)} {unit}")
+    alone, beside = d.bias
+    if alone.is_large and (alone.taken or not beside.is_large):
+        own = (f"{number(alone.mean, 3)} +- {number(alone.sd, 2)} {unit}, where the "
+               f"simulator has a bias_sigma of {number(alone.sigma, 3)} {unit}")
         yield (f"the bias is {own}: it is taken as it is, and is no effect here"
-               if d.bias.taken else
+               if alone.taken else
                f"without {added_names(d)} the bias would be {own}: if it may be that "
                "large, give it in the model file, and nothing else may be missing")
     if d.verdict == "undecided":
