@@ -200,7 +200,8 @@ def test_of_two_that_explain_as_much_the_simpler_is_twice_as_probable():
             # beside the same column
             (["lag pressure", "covariate pressure", "covariate voltage"],
              [1.0, 2.0, 1.5])):
-        rivals = [types.SimpleNamespace(effect=EFFECTS[effect], at=at, log_bayes=4.0)
+        rivals = [types.SimpleNamespace(effect=EFFECTS[effect], at=at, variant="",
+                                         log_bayes=4.0)
                   for effect, _, at in (name.partition(" ") for name in names)]
         _, alone, share = causes._probabilities(acc, rivals)
         assert_allclose(share / share.min(), expected)
