@@ -60,7 +60,7 @@ def test_values_meet_by_chance_in_the_part_that_nothing_was_added_to():
     rng = np.random.default_rng(10)
     y = 0.06 * np.round(0.5 * rng.standard_normal(4000) / 0.06)
     y[2000:] += 0.3 * rng.standard_normal(2000)
-    assert readings._runs(np.diff(y) == 0.0)[1].max() >= 2    # by chance
+    assert readings.runs(np.diff(y) == 0.0)[1].max() >= 2    # by chance
     assert readings.readings(Scene(y, DT, {})) == ()
     y[700:730] = y[700]
     (stuck,) = readings.readings(Scene(y, DT, {}))
@@ -275,7 +275,7 @@ def test_values_meet_by_chance_where_a_record_is_calm(calm):
         rng = np.random.default_rng(seed)
         sigma = np.where(np.arange(4000) % 1000 < 500, calm, 20.0)
         y = np.round(rng.uniform(-1.0, 1.0) + sigma * rng.standard_normal(4000))
-        longest = readings._runs(np.diff(y) == 0.0)[1].max()
+        longest = readings.runs(np.diff(y) == 0.0)[1].max()
         found = [r.found.name for r in readings.readings(Scene(y, DT, {}))]
         assert longest >= 2 and "stuck" not in found
     y[1700:1712], y[1712] = y[1700], y[1700] + 1.0    # where it is loud

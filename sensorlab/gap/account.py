@@ -179,16 +179,24 @@ def _louder_with(one, h, keys, scene, signatures, other, sample, kept):
     """
     seen = predict(other, scene, signatures, sample.likeliest[None])
     told = noise_with(scene, one, seen.z[0, 0])
-    priors, likeliest = dict(zip(h.keys, h.parameters)), dict(zip(
-        other.keys, sample.likeliest))
+    likeliest = dict(zip(other.keys, sample.likeliest))
     own = {(one.key, "ratio"): (told.ratio, told.off)}
     own.update((key, (told.rest * likeliest[key], told.off)) for key in keys
                if key[1] == "sigma_v" and key in likeliest)
+    return _near_values(own, h, keys, kept)
+
+
+def _near_values(own, h, keys, rest=None):
+    """The law of the free parameters `keys` of a hypothesis, of which some are near
+    values that are known, pairs of that and of how well its logarithm is, by key; the
+    rest as for `_spread`.
+    """
+    priors = dict(zip(h.keys, h.parameters))
     near = np.array([[_coordinate(priors[key], value * np.exp(step * off))
                       for step in (-1.0, 0.0, 1.0)]
                      for key, (value, off) in own.items()])
     return _spread(keys, list(own), near[:, 1], np.diag(
-        (0.5 * (near[:, 2] - near[:, 0]))**2 + NARROWEST**2), kept)
+        (0.5 * (near[:, 2] - near[:, 0]))**2 + NARROWEST**2), rest)
 
 
 def _scaled(one, h, keys, scene, signatures, other):
@@ -198,15 +206,12 @@ def _scaled(one, h, keys, scene, signatures, other):
     """
     middle = np.array([[p.mean for p in other.parameters]])
     z = predict(other, scene, signatures, middle).z[0, 0]
-    factor, key = float(np.sqrt(np.nanmean(z**2))), (one.key, "factor")
-    prior = dict(zip(h.keys, h.parameters))[key]
-    low, x, high = (_coordinate(prior, factor * by) for by in (
-        1.0 / SCALED, 1.0, SCALED))
-    return _spread(keys, [key], np.array([x]), np.array([[
-        (0.5 * (high - low))**2 + NARROWEST**2]]))
+    return _near_values({(one.key, "factor"): (np.sqrt(np.nanmean(z**2)), SCALED)}, h,
+                        keys)
 
 
-SCALED = 2.0    # by how much a factor may be another elsewhere in the prior
+SCALED = np.log(2.0)    # of a factor, by how much it may be another elsewhere in the
+                        # prior
 COORDINATES = np.linspace(-4.0, 4.0, 801)    # of a prior
 NARROWEST = 0.01    # standard deviation of one, of a law from which nodes are moved
 

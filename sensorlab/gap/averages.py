@@ -5,7 +5,7 @@ of one over its window, and is undone but for a pattern that repeats with it.
 import numpy as np
 from scipy.signal import get_window
 
-from sensorlab.gap.catalogue import CERTAIN
+from sensorlab.gap.catalogue import CERTAIN, runs
 
 FEWEST_TAPS = 3      # of two a low-pass of first order at its fastest does the same
 FEWEST_TURNS = 40    # windows in a record, by which their pattern is known
@@ -24,9 +24,9 @@ def averaged_over(y):
     response, sin^2(pi n f) / sin^2(pi f) / n^2, of what is flat there; else it is flat
     as it is. Whittle's likelihood of each, of the level that is likeliest, tells.
     """
-    first, last = max(_stretches(y), key=np.ptp)
-    y = y[first:min(last, first + TELLING)]
-    N = len(y)
+    first, length = runs(~np.isnan(y))
+    N = min(length.max(), TELLING)
+    y = y[first[length.argmax()]:][:N]
     if N < FEWEST_TAPS * FEWEST_TURNS or np.mean(np.diff(y) == 0.0) > MOST_HELD:
         return 0, 0.0
     power = np.abs(np.fft.rfft((y - y.mean()) * get_window("hann", N)))**2
@@ -54,12 +54,6 @@ def _is_even(raw, n):
     variance = new.var(0)
     apart = np.var(first.mean(0) - second.mean(0)) * turns / 4.0
     return variance.max() < UNEVEN * variance.min() and apart < UNEVEN * variance.mean()
-
-
-def _stretches(y):
-    """First sample and end of all stretches of a record (N,) without a gap."""
-    seen = np.concatenate([[0], ~np.isnan(y), [0]])
-    return np.flatnonzero(np.diff(seen)).reshape(-1, 2)
 
 
 def _gain(power, N, n):
@@ -92,9 +86,10 @@ def undone(y, n):
     where there are too few from one gap to the next, which all of them have.
     """
     result = np.full_like(y, np.nan)
-    for first, last in _stretches(y.reshape(-1, y.shape[-1])[0]):
-        if last - first >= 2 * n:
-            result[..., first:last] = _undone(y[..., first:last], n)
+    for first, length in zip(*runs(~np.isnan(y.reshape(-1, y.shape[-1])[0]))):
+        if length >= 2 * n:
+            own = slice(first, first + length)
+            result[..., own] = _undone(y[..., own], n)
     return result
 
 

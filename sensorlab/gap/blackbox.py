@@ -44,9 +44,9 @@ def simulator_from(records, dt, columns=None):
     records = np.atleast_2d(records)[:MOST_RECORDS]
     first = diagnose(records[0], dt, default_hypotheses(records[0], dt), columns)
     acc = first.final
-    samples, amplitudes = [acc.sample], [_amplitudes(as_read(
-        first.scene, acc.readings), acc)]
-    averages = [r for r in acc.readings if "window" in r.found.values]
+    seen = as_read(first.scene, acc.readings)
+    samples, amplitudes = [acc.sample], [_amplitudes(seen, acc)]
+    averages = [r for r in acc.readings if r.is_average]
     for y in records[1:]:
         scene = as_read(Scene(snapped(y), dt, columns or {}), averages)
         own = account(scene, acc.bases[acc.best:acc.best + 1], [acc.member],
@@ -68,8 +68,7 @@ def simulator_from(records, dt, columns=None):
     for s, own in zip(acc.signatures, np.transpose(amplitudes)):
         effects.append(s.found._replace(values={
             **fixed(**s.found.values), **_sizes(s, own)}))
-    joint = None if len(records) > 1 else joint_of(
-        as_read(first.scene, acc.readings), acc, ranges)
+    joint = None if len(records) > 1 else joint_of(seen, acc, ranges)
     return Simulator((h,), ((*effects, *(r.found for r in acc.readings)),), joint)
 
 

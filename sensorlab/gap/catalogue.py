@@ -292,9 +292,9 @@ def _bandwidth(scene, filt, tau, variant=""):
         change = filt.Psi / np.where(white > 0.0, white, 1.0)
         return even._replace(Gamma=even.Gamma * np.where(
             own, change[..., None, None], 1.0))
-    states = [] if variant.endswith("white noise") else _alone(rest)
     if variant.startswith("digital") or variant == EXPONENTIAL and rest.Gamma.any():
-        return _through(digital(variant, scene.dt / tau), rest, white, states)
+        return _through(digital(variant, scene.dt / tau), rest, white,
+                        [] if variant.endswith("white noise") else _alone(rest))
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
@@ -587,7 +587,7 @@ def _stick(scene, y, spans):
         y[..., first:first + int(length)] = y[..., first:first + 1]
 
 
-def average(scene, y, window):
+def _average(scene, y, window):
     """Every sample becomes the mean of all in a window that ends with it; before the
     record, of its first.
     """
@@ -621,6 +621,12 @@ FEWEST = 8          # repeated samples that show a rate
 CERTAIN = 15.0      # nats by which more than by chance are equal to the last
 MOSTLY_NEW = 1.5    # times as many as by chance that must be, to tell where they are
 EARLIER = range(4, 10)   # samples, to values that equal one by chance
+
+
+def runs(true):
+    """First sample and length of all runs of what is true."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]])))
+    return ends[::2], ends[1::2] - ends[::2]
 
 
 def repeated_at_random(y):
@@ -1128,7 +1134,7 @@ CATALOGUE = {effect.name: effect for effect in (
                     "if it samples at random",
            resembles="stuck samples, quantization",
            experiment="compare the counters of sensor and logger, poll faster"),
-    Effect("moving_average", reading=average,
+    Effect("moving_average", reading=_average,
            equation="the mean of y over a window that ends with the sample; window in "
                     "s, whole sampling intervals",
            resembles="bandwidth",

@@ -117,8 +117,8 @@ def further_causes(scene, acc, effects, processes=True, by_chance=None,
                    known=NO_OTHER, among=1):
     """`Further`: probability of every further effect, Eq. (10), and the best account.
 
-    Without `processes`, for signatures, jumps and changes. `by_chance` gives what of
-    ln B an effect has not where it is none, if that may be much; `known` is the name
+    Without `processes`, for signatures, jumps and changes. `by_chance`, a function of
+    an effect and its ln B, gives what is left of that less chance; `known` is the name
     of an effect of which ln B is known, and that; without a name it is what others
     have, and if all here come to far less, none is told of. Each is as likely as one
     `among` so many, a priori, if there are fewer here.

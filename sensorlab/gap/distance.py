@@ -197,7 +197,7 @@ def _setting(scene, acc, first):
                                            np.nan))
     lsb, noise = lattice_and_noise(scene.y + scene.known)
     # of an average, what was rounded before it has fine digits, too
-    averaged = any("window" in r.found.values for r in acc.readings)
+    averaged = any(r.is_average for r in acc.readings)
     return _Setting(scene, acc, first, own, fitted, late,
                     lsb if lsb <= COARSE * noise and not averaged else 0.0,
                     any(misleads(r, noise) for r in acc.readings))

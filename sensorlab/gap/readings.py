@@ -12,7 +12,7 @@ from sensorid import brief
 from sensorlab.gap.averages import FEWEST_TAPS, FEWEST_TURNS, averaged_over, undone
 from sensorlab.gap.catalogue import (
     CALM, CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between,
-    noise_where_calm, repeated_at_random, spread_where_calm, taps_of)
+    noise_where_calm, repeated_at_random, runs, spread_where_calm, taps_of)
 from sensorlab.gap.clipping import unclipped
 from sensorlab.gap.effects import Found
 
@@ -35,6 +35,11 @@ class Reading(NamedTuple):
     def placed(self):
         """Does what it does hang on where the record lies?"""
         return self.coarse or not {"limits", "codes"}.isdisjoint(self.found.values)
+
+    @property
+    def is_average(self):
+        """Is it a moving average?"""
+        return "window" in self.found.values
 
     @property
     def beyond(self):
@@ -458,7 +463,7 @@ def _own_rate(y):
     if gain < CERTAIN + 2.0 * np.log(N) or same[arc].mean() < REGULAR or lsb > noise:
         return None    # a slow change through a coarse lattice is regular, too
     if not lsb:    # none repeats by chance: what a clock that is not even repeats
-        for begin, n in zip(*_runs(same)):
+        for begin, n in zip(*runs(same)):
             repeated[begin:begin + n] |= n <= np.ceil(1.0 / rate)
     return float(rate), float((0.5 * (1.0 + rate) - middle) % 1.0), repeated
 
@@ -493,18 +498,12 @@ def _nearest(ties, rate, samples, N, reach, count):
     return score.max(), np.mean(rates[inside == inside[score.argmax()]])
 
 
-def _runs(same):
-    """First sample and length of all runs of what is true."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    return ends[::2], ends[1::2] - ends[::2]
-
-
 def _stuck(y, lsb, noise, clipped):
     """Runs (first sample, length) of equal values longer than chance, and the samples
     (N,) of them but the first, which is a reading.
     """
     same = np.append(False, np.diff(y) == 0.0) & ~clipped
-    start, length = _runs(same)
+    start, length = runs(same)
     # what a part of the record, or neighbours, lie on is no lattice of it
     tie = _stays(lsb, noise) if lsb else _tie_by_chance(start, length, len(y))
     own = length >= _more_than_chance(tie, len(y))
@@ -716,6 +715,6 @@ def without_readings(scene, y, seen):
         if "limits" not in one.found.values:
             y[:, one.masked] = np.nan
     for one in seen:
-        if "window" in one.found.values:
+        if one.is_average:
             y = undone(y, taps_of(scene, **one.found.values))
     return y

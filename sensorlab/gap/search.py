@@ -206,10 +206,11 @@ THEIR_SEED = 1
 
 
 def _by_rounding(full, acc, theta):
-    """Function of an effect and its ln B that gives what of this records of the
-    simulator of an account at theta have not, where there is no such effect: what
-    rounding to counts coarser than the noise adds is no white noise, and may look like
-    one. Beyond the largest of theirs, chance has the exponential law of their spread.
+    """Function of an effect and its ln B that gives what is left of that less chance:
+    what rounding to counts coarser than the noise adds is no white noise, and may look
+    like an effect. Records of the simulator of an account at theta, where there is
+    none, tell; beyond the largest of theirs, chance is an exponential law as wide as
+    they scatter.
     """
     scene = as_read(full, acc.readings)
     simulator = in_place(as_simulated(acc, scene, theta), acc, scene)
