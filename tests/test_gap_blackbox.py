@@ -334,3 +334,17 @@ def test_counts_that_both_have_are_no_gap_where_one_is_smoother():
     d = sensorlab.diagnose(y, 0.01, sensorlab.simulator_from(theirs[None], 0.01),
                            simulated=theirs[None])
     assert d.verdict == "bandwidth"
+
+
+def test_a_factor_on_counts_coarser_than_the_noise_and_on_the_noise_is_named():
+    """What such counts leave of the simulator's noise says nothing of this record."""
+    def counts(seed):
+        return 2.0 * np.round(0.5 * slow_and_white(np.random.default_rng(seed)))
+
+    def slow_and_white(rng):
+        drift = lfilter([1.0], [1.0, -0.998], 0.06 * rng.standard_normal(6000))
+        return drift[2000:] + rng.standard_normal(4000)
+    theirs = np.array([counts(1), counts(2)])
+    simulator = sensorlab.simulator_from(theirs, DT)
+    d = sensorlab.diagnose(9.80665 * counts(3), DT, simulator, simulated=theirs)
+    assert d.verdict == "wrong_parameter+wrong_parameter"

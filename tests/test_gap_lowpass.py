@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import WHITE, large, member, through_low_pass
 from numpy.testing import assert_allclose
-from scipy import signal
+from scipy import signal, stats
 
 import sensorid
 import sensorlab
@@ -186,3 +186,27 @@ def test_a_step_is_found_before_a_low_pass_and_behind_it(before):
         (saved,) = [one for one in model.effects[0] if one.name == "bias_step"]
         assert saved.low_pass == found.low_pass
         assert sensorlab.diagnose(y, 1.0, model).verdict == "none"
+
+
+def test_what_digits_round_is_white_noise_behind_a_low_pass(behind):
+    scene, low_pass, *_ = behind
+    rounded = scene._replace(rounding=0.01)
+    h = member(rounded, sensorid.hypothesis("white_noise", sigma_v=1.0,
+                                            bias_sigma=SPREAD)
+               ).with_effect(CATALOGUE["bandwidth"], low_pass.variant)
+    seen, long = ~np.isnan(scene.y), through_low_pass(*low_pass, N + 1000)
+    cov = (long @ long.T)[1000:, 1000:] + SPREAD**2 + 0.01**2 * np.eye(N)
+    assert_allclose(
+        filters.log_likelihoods(h, rounded, (), np.array([[1.0, low_pass.tau]])),
+        stats.multivariate_normal(cov=cov[np.ix_(seen, seen)]).logpdf(scene.y[seen]),
+        rtol=1e-6)
+
+
+@pytest.mark.parametrize("digits", ["%.3f", large("%.4g")])
+def test_a_low_pass_is_named_alone_in_a_file_of_few_digits(digits):
+    """At half the rate it leaves less than they do, many thousands of nats."""
+    rng = np.random.default_rng(6)
+    v = through_low_pass("digital", 1.0, 2200) @ rng.standard_normal(2200)
+    d = sensorlab.diagnose([float(digits % x) for x in v[200:]], 1.0, WHITE)
+    assert d.verdict == "bandwidth" and d.after.p_value > 0.05
+    assert abs(d.final.theta[-1] - 1.0) < 0.1

@@ -577,3 +577,23 @@ def test_the_noise_of_a_saved_model_is_that_before_coarse_rounding():
     assert p.mean == pytest.approx(mean, abs=0.03) and p.low < 1.0 < p.high
     drawn = sensorlab.simulate_effects(model, Scene(y, DT, {}), 20).error
     assert np.std(drawn, axis=1).mean() == pytest.approx(np.std(y), rel=0.1)
+
+
+@pytest.mark.parametrize("digits, spacing", [
+    ("%.3f", 1e-3), ("%.4g", 1e-3), ("%.3e", 1e-3), ("%.6g", 1e-5), ("%.17g", 0.0)])
+def test_what_a_record_was_rounded_by_is_told_by_its_digits(digits, spacing):
+    """Of significant ones, those of its largest values tell."""
+    v = np.random.default_rng(5).standard_normal(4000)
+    printed = np.array([float(digits % x) for x in v])
+    scene = readings.recorded(printed, DT, {})
+    assert scene.rounding == pytest.approx(spacing / np.sqrt(12.0))
+    assert np.std(scene.y - v) == pytest.approx(scene.rounding, rel=0.05)
+    assert np.abs(scene.y - printed).max() <= 0.501 * spacing
+
+
+def test_counts_that_are_a_reading_are_no_digits():
+    v = np.random.default_rng(5).standard_normal(4000)
+    assert readings.recorded(0.25 * np.round(4.0 * v), DT, {}).rounding == 0.0
+    # a tenth, of those above 1, would hide as much noise: they are left as they are
+    printed = np.array([float(f"{x:.2g}") for x in v])
+    assert np.abs(readings.recorded(printed, DT, {}).y - printed).max() < 1e-3

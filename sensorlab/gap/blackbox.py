@@ -10,11 +10,10 @@ from scipy.stats import t as student
 
 from sensorid import Parameter, default_hypotheses
 from sensorlab.gap.account import account, fixed, solved_by
-from sensorlab.gap.catalogue import snapped
 from sensorlab.gap.diagnosis import diagnose
-from sensorlab.gap.effects import Scene, Simulator
+from sensorlab.gap.effects import Simulator
 from sensorlab.gap.joint import joint_of
-from sensorlab.gap.readings import as_read
+from sensorlab.gap.readings import as_read, recorded
 
 MOST_RECORDS = 20    # that are described
 
@@ -48,7 +47,7 @@ def simulator_from(records, dt, columns=None):
     samples, amplitudes = [acc.sample], [_amplitudes(seen, acc)]
     averages = [r for r in acc.readings if r.is_average]
     for y in records[1:]:
-        scene = as_read(Scene(snapped(y), dt, columns or {}), averages)
+        scene = as_read(recorded(y, dt, columns or {}), averages)
         own = account(scene, acc.bases[acc.best:acc.best + 1], [acc.member],
                       acc.signatures)
         samples.append(own.sample)

@@ -13,7 +13,7 @@ from sensorid import (
     mean_square, one_thread_if, random_walk, rate_ramp, simulate)
 from sensorlab.gap.account import (
     Account, account, around, as_simulated, bias_of, fixed, in_place, with_tails)
-from sensorlab.gap.catalogue import CATALOGUE, snapped
+from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.causes import Cause, estimated_together
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
 from sensorlab.gap.costs import check_memory, heard_by, say, share_heap
@@ -25,7 +25,7 @@ from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.kernels import dot
 from sensorlab.gap.readings import (
-    SMOOTH, as_read, compared, latent_law, latent_mean, missing)
+    SMOOTH, as_read, compared, latent_law, latent_mean, missing, recorded)
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, beside_steps, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared
@@ -130,7 +130,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     if not short:
         share_heap()
     with heard_by(progress, EXPECTED), one_thread_if(short):
-        return _diagnosed(Scene(snapped(y), dt, columns), simulator, effects, trials,
+        return _diagnosed(recorded(y, dt, columns), simulator, effects, trials,
                           seed, simulated)
 
 

@@ -90,7 +90,8 @@ class _Setting(NamedTuple):
 
     def drawn(self, simulator, trials, seed, number=0):
         """Records (trials, N) as they are read, and less what says nothing."""
-        read = simulate_effects(simulator, self.scene, trials, seed, number).error
+        scene = self.scene._replace(rounding=0.0) if self.printed else self.scene
+        read = simulate_effects(simulator, scene, trials, seed, number).error
         if self.printed:
             read += self.scene.known
             quantize(self.scene, read, self.printed)

@@ -14,6 +14,7 @@ class _Recorded(NamedTuple):
     columns: dict    # name -> (N,) array
     known: np.ndarray = 0.0    # (N,) or a number, u: what was taken away from the
                                # record, its offset and what the simulator adds
+    rounding: float = 0.0      # u: standard deviation of what its digits were rounded by
 
 
 class Scene(_Recorded):
@@ -271,8 +272,13 @@ class Member(NamedTuple):
         return theta
 
     def filter(self, dt, theta):
-        """Shaping filter at one value of the parameters, or at all nodes (p, M, 1)."""
-        return self._stages(dt, theta)[-1]
+        """Shaping filter at one value of the parameters, or at all nodes (p, M, 1).
+
+        What digits were rounded by is white, whatever all else has passed: it is most
+        of what a low-pass leaves at half the sampling rate.
+        """
+        filt, rounding = self._stages(dt, theta)[-1], self.scene.rounding
+        return filt._replace(Psi=np.hypot(filt.Psi, rounding)) if rounding else filt
 
     def _stages(self, dt, theta):
         """The filter of the hypothesis, then that with one more effect at a time."""

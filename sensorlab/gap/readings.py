@@ -11,10 +11,10 @@ from scipy.special import erf, gammaln, log_ndtr, logsumexp, ndtr, ndtri, xlogy
 from sensorid import brief
 from sensorlab.gap.averages import FEWEST_TAPS, FEWEST_TURNS, averaged_over, undone
 from sensorlab.gap.catalogue import (
-    CALM, CATALOGUE, CERTAIN, FEWEST, SMOOTH_OVER, lattice, lattice_between,
-    noise_where_calm, repeated_at_random, runs, spread_where_calm, taps_of)
+    CALM, CATALOGUE, CERTAIN, EXACT, FEWEST, SMOOTH_OVER, lattice, lattice_between,
+    noise_where_calm, repeated_at_random, runs, snapped, spread_where_calm, taps_of)
 from sensorlab.gap.clipping import unclipped
-from sensorlab.gap.effects import Found
+from sensorlab.gap.effects import Found, Scene
 
 
 class Reading(NamedTuple):
@@ -127,10 +127,16 @@ def _rounded(y, lsb, noise, moved=False):
     """
     if lsb <= COARSE * noise:
         return []
-    hides = lsb > HIDING * noise and lsb > NOISY * _noise(y, lsb, SOON)
+    hides = hide(y, lsb, noise)
     return [Reading(_found("quantization", lsb=lsb), COINCIDENCE * len(y),
-                    np.zeros(len(y), bool), bool(hides),
+                    np.zeros(len(y), bool), hides,
                     bool(lsb > NOISY * noise and not hides), moved)]
+
+
+def hide(y, lsb, noise=None):
+    """Do counts hide most of what moves a record between them?"""
+    noise = _noise(y, lsb) if noise is None else noise
+    return bool(lsb > HIDING * noise and lsb > NOISY * _noise(y, lsb, SOON))
 
 
 def compared(scene, own, simulated=None):
@@ -236,6 +242,34 @@ def lattice_and_noise(y):
     """`lattice` of a record, and the standard deviation of its noise without it."""
     lsb = lattice(y)
     return lsb, _noise(y, lsb)
+
+
+def recorded(y, dt, columns):
+    """`Scene` of a record (N,) and its columns as they were recorded."""
+    lsb, noise = lattice_and_noise(y)
+    largest = _spacing_of_largest(y)
+    if lsb < largest <= COARSE * noise:    # what is small was rounded by less: a noise
+        lsb, y = largest, largest * np.round(y / largest)    # that changes
+    return Scene(snapped(y), dt, columns,
+                 rounding=lsb / np.sqrt(12.0) if lsb <= COARSE * noise else 0.0)
+
+
+MOST_DIGITS = 8    # that are few
+FEW_LARGEST = 8    # values that lie on their spacing by chance once in 10^8
+
+
+def _spacing_of_largest(y):
+    """Spacing of the largest values of a record that was printed with the same few
+    significant digits for all, or 0.
+    """
+    size = np.abs(y[~np.isnan(y) & (y != 0.0)])
+    exponent = np.floor(np.log10(size))
+    for digits in range(2, MOST_DIGITS + 1):
+        spacing = 10.0**(exponent + 1 - digits)
+        codes = size / spacing
+        if (np.abs(codes - np.round(codes)) < EXACT).all():
+            return float(np.sort(spacing)[-min(FEW_LARGEST, len(spacing))])
+    return 0.0
 
 
 def _noise(y, lsb, apart=1):

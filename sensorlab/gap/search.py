@@ -18,7 +18,7 @@ from sensorlab.gap.effects import simulate_effects
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.flexible import stays_needed
 from sensorlab.gap.pairs import best_pair
-from sensorlab.gap.readings import as_read
+from sensorlab.gap.readings import as_read, hide
 
 MAX_NOISES = 6          # effects beside readings that the filter must follow: columns
                         # cost little
@@ -210,12 +210,14 @@ def _by_rounding(full, acc, theta):
     what rounding to counts coarser than the noise adds is no white noise, and may look
     like an effect. Records of the simulator of an account at theta, where there is
     none, tell; beyond the largest of theirs, chance is an exponential law as wide as
-    they scatter.
+    they scatter. Where counts hide what theirs are, none tells of this one.
     """
     scene = as_read(full, acc.readings)
     simulator = in_place(as_simulated(acc, scene, theta), acc, scene)
     number = round(HELD_AGAINST * effort(full))
     drawn = simulate_effects(simulator, full, number, THEIR_SEED).error
+    (lsb,) = (r.found.values["lsb"] for r in acc.readings if r.coarse)
+    drawn = [y for y in drawn if not hide(y, lsb)]
 
     @functools.cache
     def own(y):
@@ -227,12 +229,12 @@ def _by_rounding(full, acc, theta):
     def theirs(effect):
         say(f"looking for {effect.name.replace('_', ' ')} where there is none", 4)
         with heard_by(None, 0):
-            return [largest_bayes(*own(y), effect) for y in range(number)]
+            return [largest_bayes(*own(y), effect) for y in range(len(drawn))]
 
     def beyond(effect, log_bayes):
         over = log_bayes - max(theirs(effect))
         return over / max(np.std(theirs(effect)), 1.0) if over > 0.0 else over
-    return beyond
+    return beyond if drawn else lambda effect, log_bayes: log_bayes
 
 
 def narrowed(full, done, names, glanced):
