@@ -146,7 +146,7 @@ def _of_effect(effect):
             column=dict(type="string", minLength=1) if effect.column else
             dict(enum=[None, ""]),
             variant=dict(enum=[None, *dict.fromkeys(["", *variants])]),
-            **({} if effect.begins else dict(low_pass=dict(type="null")))),
+            **({} if effect.has_edges else dict(low_pass=dict(type="null")))),
         required=["column"] if effect.column else [])
 
 

@@ -34,3 +34,17 @@ def test_where_most_samples_are_in_bursts_their_spectrum_tells_of_a_process(odd)
     richer = bursts.with_effect(CATALOGUE["correlated_noise"])
     told = account.guesses_from(past, 0, richer, scene, ())
     assert len(told) == 2 and all(np.isfinite(mean).all() for mean, _ in told)
+
+
+def test_outliers_of_a_size_that_is_known_have_a_guess_of_their_rate():
+    rng = np.random.default_rng(4)
+    y = rng.standard_normal(2000) + 20.0 * (rng.random(2000) < 0.01)
+    scene = Scene(y, 0.1, {})
+    h = Member(sensorid.hypothesis("white_noise", sigma_v=(0.5, 2.0)), scene)
+    past = account.account(scene, (h,))
+    richer = h.joined(Found(CATALOGUE["outliers"], values=dict(
+        rate=sensorid.Parameter("rate", 1e-4, 0.1, True),
+        sigma=sensorid.Parameter("sigma", 20.0, 20.0))))
+    new = account.account(scene, (h,), [richer], past=past)
+    assert new.log_evidence > past.log_evidence + 100.0
+    assert new.theta[1] == pytest.approx(0.01, rel=0.5)

@@ -188,6 +188,42 @@ def test_a_step_is_found_before_a_low_pass_and_behind_it(before):
         assert sensorlab.diagnose(y, 1.0, model).verdict == "none"
 
 
+def test_vibration_passes_a_low_pass(behind):
+    scene, low_pass, *_ = behind
+    rounded = scene._replace(rounding=0.01)    # it leaves less
+    h = member(rounded, sensorid.hypothesis("white_noise", sigma_v=0.5,
+                                            bias_sigma=SPREAD), "narrow_band_noise"
+               ).with_effect(CATALOGUE["bandwidth"], low_pass.variant)
+    seen, long = ~np.isnan(scene.y), through_low_pass(*low_pass, N + 1000)
+    lag = np.abs(np.subtract.outer(*2 * [np.arange(N + 1000)]))
+    band = 0.8**2 * np.exp(-lag / 20.0) * np.cos(2.0 * np.pi * 0.07 * lag)
+    cov = (long @ (band + 0.5**2 * np.eye(len(lag))) @ long.T)[1000:, 1000:] + (
+        SPREAD**2 + 0.01**2 * np.eye(N))
+    theta = np.array([[0.5, 0.07, 20.0, 0.8, low_pass.tau]])
+    assert_allclose(
+        filters.log_likelihoods(h, rounded, (), theta),
+        stats.multivariate_normal(cov=cov[np.ix_(seen, seen)]).logpdf(scene.y[seen]),
+        rtol=1e-6)
+
+
+@pytest.mark.parametrize("before", [True, large(False)])
+def test_an_error_that_follows_a_rate_is_found_before_a_low_pass_and_behind_it(before):
+    rng, n = np.random.default_rng(9), 1500
+    rate = np.repeat(rng.uniform(-50.0, 50.0, n // 50), 50)
+    L = through_low_pass("digital", 1.5, n + 200)
+    v, error = rng.standard_normal(n + 200), np.append(np.zeros(200), 0.01 * rate)
+    y = (L @ (v + error) if before else L @ v + error)[200:]
+    y = np.array([float(f"{x:.3f}") for x in y])
+    h = sensorid.hypothesis("white_noise", sigma_v=(0.5, 2.0))
+    low_pass = Found(CATALOGUE["bandwidth"], variant="digital", values=fixed(tau=1.5))
+    d = sensorlab.diagnose(y, 1.0, Simulator((h,), ((low_pass,),)), dict(rate=rate))
+    assert d.verdict == "scale_factor"
+    (one,) = d.found
+    assert bool(one.low_pass) == before
+    mean, sd = one.values["coefficient"]
+    assert abs(mean - 0.01) < 4.0 * sd
+
+
 def test_what_digits_round_is_white_noise_behind_a_low_pass(behind):
     scene, low_pass, *_ = behind
     rounded = scene._replace(rounding=0.01)

@@ -254,8 +254,8 @@ def _as_processes(h):
 
 def _odd(h, scene, signatures, other, theta):
     """Probability (N,) that samples are outliers, or in a burst, if a hypothesis has
-    such; keys, mean and covariance of their parameters if another, which is at theta
-    (p,), has none.
+    such; keys, mean and covariance of their free parameters if another, which is at
+    theta (p,), has none.
     """
     nothing = (), np.zeros(0), np.zeros((0, 0))
     known = [one.key for one in other.effects]
@@ -271,9 +271,11 @@ def _odd(h, scene, signatures, other, theta):
     if np.isnan(variance) or not new:
         return odd, nothing
     (one,) = new
-    more, *law = LAWS[one.name](scene, one.effect, z, variance)
+    more, mean, cov = LAWS[one.name](scene, one.effect, z, variance)
+    free = [axis for axis, p in enumerate(one.values.values()) if p.free]
     return np.maximum(odd, _unless_most(more)), (
-        [(one.key, symbol) for symbol in one.values], *law)
+        [(one.key, list(one.values)[axis]) for axis in free],
+        np.asarray(mean)[free], np.asarray(cov)[np.ix_(free, free)])
 
 
 def _unless_most(odd):

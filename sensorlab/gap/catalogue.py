@@ -281,9 +281,9 @@ NO_MEMORY = 7.0    # time constants in a sample: more make two equal poles, at z
 def _bandwidth(scene, filt, tau, variant=""):
     """The white noise passes a low-pass of unit gain at rest, of first order or of
     second (Butterworth), or a digital one (the bilinear transform of either, or an
-    exponential average), which random walks and Markov processes pass, too, if it is
-    not of white noise alone: it lets nothing of them through where it lets no white
-    noise through.
+    exponential average), which random walks, Markov processes and narrow-band noise
+    pass, too, if it is not of white noise alone: it lets nothing of them through where
+    it lets no white noise through.
     """
     rest, white = filt._replace(Psi=np.zeros(1)), filt.Psi[..., :1]
     if filt.Psi.shape[-1] > 1:    # it changes, and so does what drives the low-pass
@@ -293,8 +293,9 @@ def _bandwidth(scene, filt, tau, variant=""):
         return even._replace(Gamma=even.Gamma * np.where(
             own, change[..., None, None], 1.0))
     if variant.startswith("digital") or variant == EXPONENTIAL and rest.Gamma.any():
+        alone = variant.endswith("white noise")
         return _through(digital(variant, scene.dt / tau), rest, white,
-                        [] if variant.endswith("white noise") else _alone(rest))
+                        *([], []) if alone else (_alone(rest), _turning(rest)))
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
@@ -314,15 +315,15 @@ def _bandwidth(scene, filt, tau, variant=""):
         [sd**2, -sd**2], [-sd**2, 3.0 * sd**2]]))
 
 
-def _through(low_pass, rest, white, states):
-    """White noise, and some states of a shaping filter that are `_alone`, through a
-    low-pass, which is the shaping filter of white noise of variance 1 that passes it,
-    that noise its last state.
+def _through(low_pass, rest, white, states, pairs):
+    """White noise, and some states of a shaping filter that are `_alone` or pairs that
+    are `_turning`, through a low-pass, which is the shaping filter of white noise of
+    variance 1 that passes it, that noise its last state.
 
     Its states s <- A s + B u are driven by the output u = h x of a process x <- f x +
     g w. With T = f (f - A)^-1 B, s - T h x <- A (s - T h x) + (B - T) h g w is driven
     by w alone, and what the low-pass puts out, C s + D u, has (D + C T) h x of x, its
-    response at f.
+    response at f. Of a pair x, f and w are complex; u and s are the real parts.
     """
     A, B = low_pass.Phi[..., :-1, :-1], low_pass.Gamma[..., :-1, 0]
     C, D = low_pass.H[0, :-1], low_pass.Gamma[..., -1, 0]
@@ -351,6 +352,23 @@ def _through(low_pass, rest, white, states):
         P0[..., k, k] = begun[..., 0]
         P0[..., k, s] = P0[..., s, k] = (drive[..., None] * with_x)[..., 0, :]
         P0[..., s, s] += (drive[..., None, None] * settled)[..., 0, :, :]
+    for k in pairs:
+        f, h = rest.Phi[..., k, k] + 1j * rest.Phi[..., k + 1, k], rest.H[0, k]
+        T = f[..., None] * _solved(f[..., None, None] * own - A, B)
+        response = D + T @ C
+        e, g = (B - T) * h, rest.Gamma[..., k, :] + 1j * rest.Gamma[..., k + 1, :]
+        turned = response[..., None] * g
+        Gamma[..., k, :columns], Gamma[..., k + 1, :columns] = turned.real, turned.imag
+        Gamma[..., s, :columns] += (e[..., :, None] * g[..., None, :]).real
+        drive = 0.5 * (np.abs(g)**2).sum(-1)[..., :1]    # before anything changes
+        with_x = (drive[..., None] * response.conj()[..., None] * _solved(
+            own - f.conj()[..., None, None] * A, e))[..., 0, :]
+        P0[..., k, k] = P0[..., k + 1, k + 1] = (
+            np.abs(response)**2 * rest.P0[..., None, k, k])[..., 0]
+        P0[..., k, s] = P0[..., s, k] = with_x.real
+        P0[..., k + 1, s] = P0[..., s, k + 1] = -with_x.imag
+        settled = _settled(A, e.real) + _settled(A, e.imag)
+        P0[..., s, s] += (drive[..., None, None] * settled)[..., 0, :, :]
     return filt._replace(Gamma=Gamma, P0=P0)
 
 
@@ -364,6 +382,23 @@ def _alone(filt):
     np.fill_diagonal(joined, 0.0)
     return np.flatnonzero(~joined.any(0) & (filt.H[0] != 0.0) & ~filt.m0.astype(bool)
                           & (filt.H == filt.H[0]).all(0))
+
+
+def _turning(filt):
+    """Numbers of the first of two states that turn and shrink alike, driven evenly in
+    all directions, of which it is observed, and apart from all others.
+    """
+    Phi, Gamma = (np.abs(part).reshape(-1, *part.shape[-2:]).max(0)
+                  for part in (filt.Phi, filt.Gamma))
+    joined, h = Phi + Phi.T + Gamma @ Gamma.T, filt.H[0]
+
+    def turns(k):
+        pair = [k, k + 1]
+        even = not Gamma[pair].prod(0).any() and np.ptp(Gamma[pair].max(1)) == 0.0
+        return (Phi[k, k + 1] == Phi[k + 1, k] > 0.0 and even and h[k] and not h[k + 1]
+                and not np.delete(joined[pair], pair, 1).any()
+                and not filt.m0[pair].any())
+    return [k for k in range(len(joined) - 1) if turns(k)] if (filt.H == h).all() else []
 
 
 def _solved(A, b):
@@ -1037,8 +1072,9 @@ CATALOGUE = {effect.name: effect for effect in (
                     "first), the bilinear transform of either that keeps the cut-off "
                     "1 / (2 pi tau), or an exponential one, y + a (Y - y) with a = "
                     "exp(-dt / tau) and Y the value before, has random walks, Markov "
-                    "processes and what begins at some time pass it, too, or the white "
-                    "noise alone, if no noise changes; tau in s",
+                    "processes, narrow-band noise, what begins at some time and what "
+                    "follows a column pass it, too, or the white noise alone, if no "
+                    "noise changes; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("blue_noise", model=_blue_noise, elementwise=True, search="spectrum",
            parameters=lambda s: (_log("tau", 0.25 * s.dt, 50.0 * s.dt),

@@ -14,7 +14,7 @@ class _Recorded(NamedTuple):
     columns: dict    # name -> (N,) array
     known: np.ndarray = 0.0    # (N,) or a number, u: what was taken away from the
                                # record, its offset and what the simulator adds
-    rounding: float = 0.0      # u: standard deviation of what its digits were rounded by
+    rounding: float = 0.0      # u: standard deviation of what its digits leave out
 
 
 class Scene(_Recorded):
@@ -145,6 +145,11 @@ class Effect(NamedTuple):
     def begins(self):
         """Do its columns begin at some time?"""
         return bool(self.columns) and self.search in ("onset", "pulse", "waves")
+
+    @property
+    def has_edges(self):
+        """Do its columns begin at some time, or follow one that may change at once?"""
+        return self.begins or bool(self.columns and self.column)
 
     @property
     def named(self):

@@ -130,42 +130,62 @@ def _without_states(b, momentary):
 
 def _apart(b, own_states):
     """A bank whose output has the same covariance, its states without noise in common
-    with one that no other moves; the first ones, of a hypothesis itself, may have.
+    with one that no other moves, or a pair of which each moves the other alone; the
+    first ones, of a hypothesis itself, may have.
 
     As in `_without_states`, S is added to P, here with S h = 0, so that it changes
-    nothing that a filter says of its output; beside a state k, of factor f, S is
-    -Q (1 - f Phi')^-1, which leaves it no covariance with others.
+    nothing that a filter says of its output; between a block k and others, S - Phi_k S
+    Phi' is -Q, which leaves them no covariance.
     """
     off = ~np.eye(b.Q.shape[-1], dtype=bool)
     shared, moved = b.Q.any((0, 1)) & off, b.Phi.any((0, 1)) & off
+    moved |= moved.T
+    shared &= ~moved
     shared[:own_states, :own_states] = False
-    alone = np.flatnonzero(shared.any(1) & ~(moved | moved.T).any(1))
-    if not len(alone) or b.Phi.shape[1] > 1 or b.Q.shape[1] > 1:
+    if not shared.any() or b.Phi.shape[1] > 1 or b.Q.shape[1] > 1:
         return b
+    parts = [*([k] for k in np.flatnonzero(~moved.any(1))),
+             *([k, k + 1] for k in range(len(moved) - 1)
+               if moved[k, k + 1] and (moved[k:k + 2].sum(1) == 1).all())]
+    parts = [part for part in parts if shared[part].any()]
     h, Phi, Q, S = b.H[0, 0], b.Phi[:, 0], b.Q[:, 0], np.zeros_like(b.P0)
     left = shared.copy()
-    for k in alone:
-        with_k = np.flatnonzero(left[k])
-        if not len(with_k):    # the others were first
+    for part in parts:
+        others = np.flatnonzero(left[part].any(0))
+        if not len(others):    # they were first
             continue
-        left[k] = left[:, k] = False
-        f = Phi[:, k, k]
-        inside = Phi[:, with_k[:, None], with_k]
-        own = -np.linalg.solve(np.eye(len(with_k)) - f[:, None, None] * inside,
-                               Q[:, with_k, k, None])[..., 0]
-        S[:, with_k, k] = S[:, k, with_k] = own
-        S[:, k, k] = -own @ h[with_k] / h[k]
-        first, *others = with_k[np.argsort(h[with_k] == 0.0, kind="stable")]
-        at = {state: axis for axis, state in enumerate(with_k)}
-        S[:, first, first] -= own[:, at[first]] * h[k] / h[first]
-        for other in others:
-            S[:, first, other] -= own[:, at[other]] * h[k] / h[first]
-            S[:, other, first] = S[:, first, other]
+        left[part] = left[:, part] = False
+        at = np.ix_(range(len(S)), part, others)
+        both = np.einsum("mij, mkl -> mikjl", Phi[np.ix_(range(len(S)), part, part)],
+                         Phi[np.ix_(range(len(S)), others, others)])
+        size = len(part) * len(others)
+        S[at] = own = -np.linalg.solve(
+            np.eye(size) - both.reshape(-1, size, size), Q[at].reshape(-1, size, 1)
+        ).reshape(-1, len(part), len(others))
+        S[at[0], others[:, None], part] = own.swapaxes(1, 2)
+        _balance(S, np.array(part), own @ h[others], h)
+        _balance(S, others, h[part] @ own, h)
     Q, P0 = Q + S - Phi @ S @ Phi.swapaxes(1, 2), b.P0 + S
     for m in (Q, P0):
-        for k in alone:
-            m[:, k, shared[k]] = m[:, shared[k], k] = 0.0
+        for part in parts:
+            for k in part:
+                m[:, k, shared[k]] = m[:, shared[k], k] = 0.0
     return b._replace(Q=Q[:, None], P0=P0)
+
+
+def _balance(S, states, v, h):
+    """Take from matrices S (M, n, n) a symmetric one, among some states, of which the
+    product with h is v (M, m).
+    """
+    k = int(h[states].astype(bool).argmax())    # it is observed
+    first = states[k]
+    S[:, first, first] -= v[:, k] / h[first]
+    for axis, other in enumerate(states):
+        if axis != k:
+            part = v[:, axis] / h[first]
+            S[:, first, other] -= part
+            S[:, other, first] -= part
+            S[:, first, first] += part * h[other] / h[first]
 
 
 class Change(NamedTuple):

@@ -1,5 +1,5 @@
-"""A digital low-pass that all of a sensor passes: what begins at once before it has
-edges as smooth as it leaves them.
+"""A digital low-pass that all of a sensor passes: what begins at once before it, or
+follows a column, has edges as smooth as it leaves them.
 """
 
 import functools
@@ -82,7 +82,7 @@ def low_pass_of(member, theta):
 def families_passing(low_pass, listed):
     """Families of signatures of which a low-pass smooths the edges, as they pass it."""
     return [family._replace(low_pass=low_pass) for family in listed
-            if family.effect.begins]
+            if family.effect.has_edges]
 
 
 def signature_passing(low_pass, one, scene, every):
@@ -90,8 +90,8 @@ def signature_passing(low_pass, one, scene, every):
     this one.
     """
     found = one.found
-    if not found.effect.begins or one.given or found.low_pass == low_pass or not (
-            found.low_pass or every):
+    passes = found.effect.has_edges and (found.low_pass or every)
+    if not passes or one.given or found.low_pass == low_pass:
         return one
     found = found._replace(low_pass=low_pass)
     return one._replace(found=found, columns=columns_of(scene, found, found.values))
