@@ -398,7 +398,7 @@ def _turning(filt):
         return (Phi[k, k + 1] == Phi[k + 1, k] > 0.0 and even and h[k] and not h[k + 1]
                 and not np.delete(joined[pair], pair, 1).any()
                 and not filt.m0[pair].any())
-    return [k for k in range(len(joined) - 1) if turns(k)] if (filt.H == h).all() else []
+    return [k for k in range(len(joined) - 1) if (filt.H == h).all() and turns(k)]
 
 
 def _solved(A, b):
