@@ -293,9 +293,10 @@ def _bandwidth(scene, filt, tau, variant=""):
         return even._replace(Gamma=even.Gamma * np.where(
             own, change[..., None, None], 1.0))
     if variant.startswith("digital") or variant == EXPONENTIAL and rest.Gamma.any():
-        alone = variant.endswith("white noise")
-        return _through(digital(variant, scene.dt / tau), rest, white,
-                        *([], []) if alone else (_alone(rest), _turning(rest)))
+        low_pass = digital(variant, scene.dt / tau)
+        if variant.endswith("white noise"):
+            return _through(low_pass, rest, white)
+        return _through(low_pass, rest, white, _alone(rest), _turning(rest))
     if variant != "second order":
         a = np.exp(-scene.dt / tau)
         return beside(rest, [a], [np.sqrt((1.0 - a) / (1.0 + a)) * white])
@@ -315,15 +316,15 @@ def _bandwidth(scene, filt, tau, variant=""):
         [sd**2, -sd**2], [-sd**2, 3.0 * sd**2]]))
 
 
-def _through(low_pass, rest, white, states, pairs):
-    """White noise, and some states of a shaping filter that are `_alone` or pairs that
-    are `_turning`, through a low-pass, which is the shaping filter of white noise of
+def _through(low_pass, rest, white, alone=(), turning=()):
+    """White noise, and states of a shaping filter that are `_alone` or of which two are
+    `_turning`, through a low-pass, which is the shaping filter of white noise of
     variance 1 that passes it, that noise its last state.
 
     Its states s <- A s + B u are driven by the output u = h x of a process x <- f x +
     g w. With T = f (f - A)^-1 B, s - T h x <- A (s - T h x) + (B - T) h g w is driven
     by w alone, and what the low-pass puts out, C s + D u, has (D + C T) h x of x, its
-    response at f. Of a pair x, f and w are complex; u and s are the real parts.
+    response at f. Of two, x, f and w are complex, u and s real parts.
     """
     A, B = low_pass.Phi[..., :-1, :-1], low_pass.Gamma[..., :-1, 0]
     C, D = low_pass.H[0, :-1], low_pass.Gamma[..., -1, 0]
@@ -336,38 +337,27 @@ def _through(low_pass, rest, white, states, pairs):
                                    filt.P0.shape[:-2])
     Gamma = np.broadcast_to(filt.Gamma, of_nodes + filt.Gamma.shape[-3:]).copy()
     P0 = np.broadcast_to(filt.P0, of_nodes + filt.P0.shape[-2:]).copy()
-    for k in states:
-        f, h = rest.Phi[..., k, k], rest.H[0, k]
+    for k, axes in [*((k, [1.0]) for k in alone), *((k, [1.0, 1j]) for k in turning)]:
+        x = list(zip(range(k, k + 2), axes))
+        f, g = (sum(axis * part[..., i, :] for i, axis in x)
+                for part in (rest.Phi, rest.Gamma))
+        f, h = f[..., k], rest.H[0, k]
         T = f[..., None] * _solved(f[..., None, None] * own - A, B)
-        response = D + T @ C
-        e, g = (B - T) * h, rest.Gamma[..., k, :]
-        Gamma[..., k, :columns] = response[..., None] * g
-        Gamma[..., s, :columns] += e[..., :, None] * g[..., None, :]
-        drive = (g**2).sum(-1)[..., :1]    # before anything changes
-        settled = _settled(A, e)
-        with_x = _solved(own - f[..., None, None] * A, e) * response[..., None]
+        response, e = D + T @ C, (B - T) * h
+        drive = (np.abs(g)**2).sum(-1)[..., :1] / len(x)    # before anything changes
+        settled = sum(_settled(A, (e * np.conj(axis)).real) for axis in axes)
+        with_x = _solved(own - f.conj()[..., None, None] * A, e
+                         ) * response.conj()[..., None]
         # what a walk has moved before is in s: it begins with as much
-        begun = np.where(np.abs(f) < 1.0, response**2 * rest.P0[..., None, k, k],
-                         drive * _explained(settled, with_x))
-        P0[..., k, k] = begun[..., 0]
-        P0[..., k, s] = P0[..., s, k] = (drive[..., None] * with_x)[..., 0, :]
-        P0[..., s, s] += (drive[..., None, None] * settled)[..., 0, :, :]
-    for k in pairs:
-        f, h = rest.Phi[..., k, k] + 1j * rest.Phi[..., k + 1, k], rest.H[0, k]
-        T = f[..., None] * _solved(f[..., None, None] * own - A, B)
-        response = D + T @ C
-        e, g = (B - T) * h, rest.Gamma[..., k, :] + 1j * rest.Gamma[..., k + 1, :]
-        turned = response[..., None] * g
-        Gamma[..., k, :columns], Gamma[..., k + 1, :columns] = turned.real, turned.imag
+        begun = np.where(
+            np.abs(f) < 1.0, np.abs(response)**2 * rest.P0[..., None, k, k],
+            drive * _explained(settled, with_x.real))
+        for i, axis in x:
+            Gamma[..., i, :columns] = (np.conj(axis) * response[..., None] * g).real
+            P0[..., i, i] = begun[..., 0]
+            P0[..., i, s] = P0[..., s, i] = (
+                drive[..., None] * (axis * with_x).real)[..., 0, :]
         Gamma[..., s, :columns] += (e[..., :, None] * g[..., None, :]).real
-        drive = 0.5 * (np.abs(g)**2).sum(-1)[..., :1]    # before anything changes
-        with_x = (drive[..., None] * response.conj()[..., None] * _solved(
-            own - f.conj()[..., None, None] * A, e))[..., 0, :]
-        P0[..., k, k] = P0[..., k + 1, k + 1] = (
-            np.abs(response)**2 * rest.P0[..., None, k, k])[..., 0]
-        P0[..., k, s] = P0[..., s, k] = with_x.real
-        P0[..., k + 1, s] = P0[..., s, k + 1] = -with_x.imag
-        settled = _settled(A, e.real) + _settled(A, e.imag)
         P0[..., s, s] += (drive[..., None, None] * settled)[..., 0, :, :]
     return filt._replace(Gamma=Gamma, P0=P0)
 
