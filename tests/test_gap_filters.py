@@ -275,13 +275,17 @@ def test_bursts_of_noise_in_white_noise_are_a_hidden_markov_chain():
 
 @pytest.mark.parametrize("variant", [
     "second order", "digital", "digital first order", "exponential"])
-def test_processes_of_two_states_are_those_of_the_dense_gaussian(variant):
+@pytest.mark.parametrize("more", [
+    (), ("narrow_band_noise",), ("correlated_noise", "narrow_band_noise")])
+def test_processes_of_two_states_are_those_of_the_dense_gaussian(more, variant):
     y = np.random.default_rng(2).standard_normal(60)
     y[20:25] = np.nan
     scene = Scene(y, DT, {}, rounding=0.01)    # a low-pass leaves less
-    h = member(scene, MODEL[1], "narrow_band_noise").with_effect(
+    h = member(scene, MODEL[1], "narrow_band_noise", *more).with_effect(
         CATALOGUE["bandwidth"], variant)
-    theta = np.array([p.mean for p in h.parameters])[None]
+    # no two bands are alike
+    theta = np.array([p.quantile(0.9 - 0.05 * k) for k, p in enumerate(h.parameters)]
+                     )[None]
     f, seen = h.filter(DT, theta[0]), ~np.isnan(y)
     C = h.bias_sigma**2 + naive.covariance(f.Phi[0], f.Gamma[0], f.H,
                                            f.Psi * np.ones((60, 1)), f.P0, 60)

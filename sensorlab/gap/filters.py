@@ -147,7 +147,8 @@ def _apart(b, own_states):
     parts = [*([k] for k in np.flatnonzero(~moved.any(1))),
              *([k, k + 1] for k in range(len(moved) - 1)
                if moved[k, k + 1] and (moved[k:k + 2].sum(1) == 1).all())]
-    parts = [part for part in parts if shared[part].any()]
+    # the low-pass, with which all others share theirs, is the last
+    parts = sorted(part for part in parts if shared[part].any())
     h, Phi, Q, S = b.H[0, 0], b.Phi[:, 0], b.Q[:, 0], np.zeros_like(b.P0)
     left = shared.copy()
     for part in parts:
