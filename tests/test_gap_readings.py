@@ -10,7 +10,7 @@ from scipy.stats import norm
 import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator
-from sensorlab.gap import catalogue, readings, words
+from sensorlab.gap import catalogue, readings, values, words
 
 
 def test_readings_are_seen_and_what_is_none_is_not():
@@ -287,8 +287,8 @@ def test_values_meet_by_chance_where_a_record_is_calm(calm):
 def test_a_lattice_is_seen_through_the_digits_that_were_printed(lsb, printed):
     y = np.random.default_rng(3).standard_normal(4000)
     y = printed * np.round(lsb * np.round(y / lsb) / printed)
-    assert catalogue.lattice(y) == pytest.approx(lsb, rel=0.01)
-    scene = Scene(catalogue.snapped(y), DT, {})
+    assert values.lattice(y) == pytest.approx(lsb, rel=0.01)
+    scene = Scene(values.snapped(y), DT, {})
     assert len(np.unique(scene.y)) <= 1 + np.ptp(y) / (0.99 * lsb)
     assert "stuck" not in [r.found.name for r in readings.readings(scene)]
 
@@ -296,17 +296,17 @@ def test_a_lattice_is_seen_through_the_digits_that_were_printed(lsb, printed):
 def test_digits_and_two_levels_far_apart_are_no_lattice():
     rng = np.random.default_rng(4)
     y = rng.standard_normal(4000)
-    assert catalogue.lattice(y) == 0.0
-    assert catalogue.lattice([float(f"{v:.6g}") for v in y] * np.ones(4000)) == 0.0
+    assert values.lattice(y) == 0.0
+    assert values.lattice([float(f"{v:.6g}") for v in y] * np.ones(4000)) == 0.0
     poses = np.where(np.arange(4000) < 2000, 9.8, -9.8) + 0.01 * y
-    assert catalogue.lattice(poses) == 0.0
-    assert catalogue.lattice(np.round(y, 4)) == pytest.approx(1e-4)
+    assert values.lattice(poses) == 0.0
+    assert values.lattice(np.round(y, 4)) == pytest.approx(1e-4)
 
 
 def test_a_knock_far_from_all_other_values_makes_no_lattice():
     y = 0.030 + 0.0007 * np.random.default_rng(5).standard_normal(3200)
     y[[1000, 1001]] = 0.003, 0.004    # 21 digits below the least of the others
-    assert catalogue.lattice(np.round(y, 3)) == pytest.approx(0.001)
+    assert values.lattice(np.round(y, 3)) == pytest.approx(0.001)
 
 
 def markov_and_noise(rng, n=4000, tau=300.0, sigma_m=0.5, sigma_v=0.5):
@@ -555,7 +555,7 @@ def test_what_a_logger_writes_for_no_value_is_no_limit():
     y = np.random.default_rng(5).standard_normal(3000)
     y[[100, 1500, 2500]] = -99.0
     assert readings.readings(Scene(y, DT, {})) == ()
-    assert catalogue.lattice(np.where(np.arange(3000) == 7, 2.0**31, y)) == 0.0
+    assert values.lattice(np.where(np.arange(3000) == 7, 2.0**31, y)) == 0.0
     with pytest.raises(ValueError, match=r"sample 7 is 2.14748e\+09, where half of"):
         sensorlab.diagnose(np.where(np.arange(3000) == 7, 2.0**31, y), DT, WHITE)
 

@@ -50,7 +50,7 @@ def test_a_section_calls_only_sections_above_it(end):
 
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
              # folder
-    "sensorlab/gap": ["costs", "effects", "catalogue", "kernels", "lowpass",
+    "sensorlab/gap": ["costs", "effects", "values", "catalogue", "kernels", "lowpass",
                       "unrolled", "steps", "mixtures", "filters", "evidence", "joint",
                       "screens", "spectra", "signatures", "onsets", "scans", "tuning",
                       "clipping", "averages", "readings", "account", "directed",

@@ -39,7 +39,7 @@ Notation
     z            normal scores of a record, N(0, 1) and white if all is well
 
 The files read in the order of the argument; each takes only from those before it:
-costs, effects, catalogue, kernels, lowpass, unrolled, steps, mixtures, filters,
+costs, effects, values, catalogue, kernels, lowpass, unrolled, steps, mixtures, filters,
 evidence, joint, screens, spectra, signatures, onsets, scans, tuning, clipping,
 averages, readings, account, directed, causes, pairs, probes, places, distance, closure,
 drift, twins, flexible, search, remainder, verdict, diagnosis, blackbox, sizes, words,

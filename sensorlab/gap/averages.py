@@ -5,7 +5,7 @@ of one over its window, and is undone but for a pattern that repeats with it.
 import numpy as np
 from scipy.signal import get_window
 
-from sensorlab.gap.catalogue import CERTAIN, runs
+from sensorlab.gap.values import CERTAIN, runs
 
 FEWEST_TAPS = 3      # of two a low-pass of first order at its fastest does the same
 FEWEST_TURNS = 40    # windows in a record, by which their pattern is known

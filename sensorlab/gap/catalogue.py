@@ -8,12 +8,14 @@ import math
 
 import numpy as np
 from numba import njit
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import nnls
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from sensorid import JIT, Parameter, ShapingFilter, sum_of
 from sensorlab.gap.effects import Effect, Jumps
+from sensorlab.gap.values import interpolated, lattice, repeated_at_random
 
 
 # ---- columns: (scene, x, psi) gives pairs of a variant and an (N, k) array
@@ -629,229 +631,40 @@ def repeat(scene, y, frequency, phase):
     """Every sample becomes the last that a sensor of a rate of its own has given. With
     no phase it gives them at random: where the scene's record has them if it has.
     """
+    for one, given in _given(scene, y, frequency, phase, repeated_at_random):
+        one[:] = one[given[np.searchsorted(given, np.arange(len(one)), "right") - 1]]
+
+
+def interpolate(scene, y, frequency, phase, order):
+    """The same, but samples between lie on straight lines, or on smooth curves."""
+    number = np.arange(y.shape[-1])
+    for one, given in _given(scene, y, frequency, phase, lambda y: interpolated(y).own):
+        curve = order > 1 and len(given) > order and CubicSpline(given, one[given])
+        line = np.interp(number, given, one[given])
+        one[:] = np.where(number <= given[-1], curve(number), line) if curve else line
+
+
+def _given(scene, y, frequency, phase, others):
+    """Records of y (..., N), and the numbers of the samples that a sensor of a rate of
+    its own has given; at random where the `others` of the scene's record are not.
+    """
     if phase is not None:
         number = np.floor(frequency * scene.time + phase / (2.0 * np.pi))
-        y[:] = y[..., np.searchsorted(number, number)]
-        return
-    own = repeated_at_random(scene.y + scene.known)
+        own = np.diff(number, prepend=-1.0) > 0.0
+    else:
+        left_out = others(scene.y + scene.known)
     for one in y.reshape(-1, y.shape[-1]):    # a view
-        # a seed of its own numbers: whatever records are made with it, it is the same
-        rng = np.random.default_rng(one[:OWN_SEED].copy().view(np.uint64))
-        again = own if own.any() else rng.random(len(one)) > frequency * scene.dt
-        one[:] = one[np.maximum.accumulate(np.where(again, 0, np.arange(len(one))))]
+        if phase is None:
+            # a seed of its own numbers: whatever records are made with it, it is the
+            # same
+            rng = np.random.default_rng(one[:OWN_SEED].copy().view(np.uint64))
+            own = ~left_out if left_out.any() else (
+                rng.random(len(one)) <= frequency * scene.dt)
+            own[0] = True
+        yield one, np.flatnonzero(own)
 
 
 OWN_SEED = 16       # samples
-FEWEST = 8          # repeated samples that show a rate
-CERTAIN = 15.0      # nats by which more than by chance are equal to the last
-MOSTLY_NEW = 1.5    # times as many as by chance that must be, to tell where they are
-EARLIER = range(4, 10)   # samples, to values that equal one by chance
-
-
-def runs(true):
-    """First sample and length of all runs of what is true."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]])))
-    return ends[::2], ends[1::2] - ends[::2]
-
-
-def repeated_at_random(y):
-    """Samples (N,) of a record that are the last one once more; none, where chance
-    explains those that equal it, or they come in spans or in parts of the record.
-
-    Where values lie on a lattice, some are equal by chance, which is as likely as that
-    they equal an earlier one, the likelier the nearer they are. Which of them these
-    are says nothing: as many as there are by chance are left out at random.
-    """
-    return _repeated_in(np.asarray(y, float).tobytes())
-
-
-@functools.lru_cache(maxsize=2)    # every block of simulated records asks for it
-def _repeated_in(y):
-    y = np.frombuffer(y)
-    none, low, high = np.zeros(len(y), bool), np.nanmin(y), np.nanmax(y)
-    same = np.append(False, np.diff(y) == 0.0) & (low < y) & (y < high)    # not clipped
-    count = int(same.sum())
-    fresh = y[~same & ~np.isnan(y)]
-    if count < FEWEST or len(fresh) <= max(FEWEST, *EARLIER):
-        return none
-    lsb, near = lattice(fresh), np.abs(np.diff(fresh)).mean()
-    earlier = [np.abs(y[lag:] - y[:-lag]) for lag in EARLIER]
-    chance = np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / near for d in earlier]
-                     ) if lsb else _equal_by_chance(fresh)
-    share = count / len(y)
-    spans = np.sum(same[1:] & ~same[:-1])
-    parts = [part.sum() for part in np.array_split(same, 4)]
-    if (count < MOSTLY_NEW * chance or noise_where_calm(fresh) < SMOOTH_OVER * lsb
-            or count * np.log(count / max(chance, 1e-9)) < count - chance + CERTAIN
-            or spans < 0.5 * count * (1.0 - share) or min(parts) < count / 16
-            or not lsb and (lattice(y[same]) or lattice_between(fresh)
-                            or len(np.unique(y[same])) < FEWEST)):    # a dead zone
-        return none
-    keep = np.random.default_rng(0).random(len(y)) > chance / count
-    return same & keep
-
-
-OFTEN = 0.25    # as often as the difference that is met most
-
-
-def _equal_by_chance(y):
-    """How many neighbours of a record are equal by chance, where parts of it lie on
-    lattices, each on its own: half as many as differ by the least of a lattice.
-    """
-    d = np.abs(np.diff(y))
-    d = d[d > 0.0]
-    scale = 1e-9 * np.median(d) if len(d) else 1.0
-    value, times = np.unique(np.round(d / scale), return_counts=True)
-    if not len(d) or times[times > 1].sum() < MOSTLY * len(d):
-        return 0.0
-    several = times > max(1.0, OFTEN * times.max())
-    least = value[several].min()
-    return 0.5 * times[several & (value < 1.99 * least)].sum()
-
-
-CONCENTRATED = 0.9    # of a lattice: digits may blur it by a quarter of its spacing
-MOST_VALUES = 400     # of a record that are looked at
-
-
-def lattice(y):
-    """Spacing of the values of a record, or 0 where they lie on no lattice.
-
-    The coarsest at which |mean of exp(2 pi i value / spacing)| over the values, each
-    once, is nearly 1: printed digits may have moved them a little. Where most samples
-    lie on values that others have, too, the rest does not count. Where neighbours lie
-    on a far coarser one, the record was moved since.
-    """
-    lsb = _lattice_of(np.asarray(y, float).tobytes())
-    return lsb if lsb and lattice_between(y) < MOVED * lsb else 0.0
-
-
-def lattice_between(y):
-    """Spacing of a lattice that neighbours of a record lie on, or 0: that of one to
-    which a step, or something slow, was added.
-
-    The coarsest at which the mean of cos(2 pi difference / spacing) is nearly 1.
-    """
-    seen = np.asarray(y, float)
-    d = np.diff(seen[~np.isnan(seen)])
-    d = d[d != 0.0]    # what is repeated lies on any lattice
-    return _spacing_between(d[::-(-len(d) // MOST_NEIGHBOURS) or 1].tobytes())
-
-
-@functools.lru_cache(maxsize=4)
-def _spacing_between(differences):
-    d = np.frombuffer(differences)
-    if not len(d):
-        return 0.0
-    scale = np.median(np.abs(d)) / 0.6745
-    # even in 1 / spacing: so is the phase of a difference
-    tries = scale / np.arange(1.0 / WIDEST, 1.0 / NARROWEST, 1.0 / 16.0)
-    for spacing in tries[_concentration(d[::FEW], tries).real > CONCENTRATED / 2.0]:
-        if _concentration(d, [spacing])[0].real > CONCENTRATED:
-            return _refined(d, spacing)
-    return 0.0
-
-
-FEW = 16    # values, of which one tells which spacings are worth a look at all
-
-
-def _concentration(values, spacings):
-    """Means of exp(2 pi i value / spacing): 1 where all values are multiples."""
-    per = 2j * np.pi / np.asarray(spacings, float)
-    return np.exp(per[:, None] * values).mean(1)
-
-
-MOST_NEIGHBOURS = 4000    # that are looked at
-WIDEST = 4.0       # of their spread: to a wider spacing, all are near zero
-NARROWEST = 0.07   # 0.1 of a white noise: a finer one is how a file was printed
-MOVED = 1.5    # times as coarse
-
-
-@functools.lru_cache(maxsize=4)    # the same few are asked for again and again
-def _lattice_of(y):
-    y = np.frombuffer(y)
-    values, count = np.unique(y[~np.isnan(y)], return_counts=True)
-    if count[count > 1].sum() > MOSTLY * count.sum():    # some were added to, later
-        values = values[count > 1]
-    values = values - values[len(values) // 2]
-    step, far = np.diff(values), len(values) // 100    # a wrong word may lie far out
-    step = np.sort(step[step > 1e-9 * np.ptp(values[far:len(values) - far])])
-    if len(step) == 0:
-        return 0.0
-    # steps of one scale lie together: within a lattice, or between what digits blurred
-    scales = np.split(step, np.flatnonzero(step[1:] > 3.0 * step[:-1]) + 1)
-    middle = max(len(values) - MOST_VALUES, 0) // 2
-    near = values[middle:middle + MOST_VALUES]
-    scales = [s for s in scales if len(s) >= RARE * len(step)]    # a gap is no lattice
-    for scale in reversed(scales):
-        for lsb in (_blurred_spacing(near, np.median(scale)), _spacing(values, scale)):
-            if lsb:
-                return lsb
-    return 0.0
-
-
-MOSTLY = 0.9            # of the samples, that lie on values met again
-RARE = 0.1              # of the steps
-MAX_MULTIPLES = 2000    # of the spacing, in a lattice that digits blurred
-EXACT = 0.05            # of the spacing: what a value on a lattice may be off it
-
-
-def _spacing(values, scale):
-    """Spacing of a lattice whose smallest step is that of a scale, or 0."""
-    lsb = _refined(values, scale.min())
-    off = np.abs(values / lsb - np.round(values / lsb))
-    return lsb if np.mean(off < EXACT) > 0.95 else 0.0
-
-
-def _blurred_spacing(values, step):
-    """Spacing of a lattice with steps of about this size, or 0."""
-    reach = np.abs(values).max() / step
-    if reach > MAX_MULTIPLES:
-        return 0.0
-    tries = step * np.linspace(0.7, 1.4, int(8.0 * reach) + 16)
-    tries = tries[np.abs(_concentration(values[::FEW], tries)) > CONCENTRATED / 2.0]
-    phase = np.abs(_concentration(values, tries))
-    if phase.max(initial=0.0) < CONCENTRATED:
-        return 0.0
-    lsb = _refined(values, tries[phase.argmax()])
-    # digits move a code, they do not spread it: few heaps far apart are no lattice
-    code = np.round(values / lsb)
-    first, last = (np.searchsorted(code, np.unique(code), side) for side in (
-        "left", "right"))
-    return lsb if np.max(values[last - 1] - values[first]) < 2.0 * EXACT * lsb else 0.0
-
-
-def _refined(values, lsb):
-    """The spacing of a lattice about zero from about what it is."""
-    for reach in (4.0, 16.0, 64.0, np.inf):    # refine with ever larger multiples
-        own = values[np.abs(values) <= reach * lsb]
-        number = np.round(own / lsb)
-        if number.any():
-            lsb = float(own @ number / (number @ number))
-    return float(lsb)
-
-
-SMOOTH_OVER = 2.0    # spacings: noise of as many makes the law of values smooth over
-                     # them
-CALM, CALMEST = 64, 0.05    # samples of a part, and the share of parts that are calm
-
-
-def noise_where_calm(y):
-    """Standard deviation of the white noise in the calmest parts of a record."""
-    return spread_where_calm(np.diff(y)) / np.sqrt(2.0)
-
-
-def spread_where_calm(x):
-    """Standard deviation of what is normal, without mean, in its calmest parts."""
-    size = np.abs(x)[:len(x) // CALM * CALM]
-    if not len(size):
-        return 0.0
-    return np.sqrt(0.5 * np.pi) * np.quantile(size.reshape(-1, CALM).mean(1), CALMEST)
-
-
-def snapped(y):
-    """A record with its values on their lattice, if they have one."""
-    lsb, seen = lattice(y), y[~np.isnan(y)]
-    return seen[0] + lsb * np.round((y - seen[0]) / lsb) if lsb else y
 
 
 # ---- the catalogue
@@ -1160,6 +973,14 @@ CATALOGUE = {effect.name: effect for effect in (
                     "if it samples at random",
            resembles="stuck samples, quantization",
            experiment="compare the counters of sensor and logger, poll faster"),
+    Effect("interpolated_samples", reading=interpolate,
+           equation="y is on a straight line, of order 1, or a smooth curve, of order "
+                    "3, through what the sensor gave; it samples at frequency, in Hz, "
+                    "below that of the record; phase, in rad, at the first; none if it "
+                    "samples at random, or loses samples",
+           resembles="bandwidth",
+           experiment="look for resampling, or for gaps that were filled, in what "
+                      "wrote the file; take the samples as they came"),
     Effect("moving_average", reading=_average,
            equation="the mean of y over a window that ends with the sample; window in "
                     "s, whole sampling intervals",

@@ -10,11 +10,13 @@ from scipy.special import erf, gammaln, log_ndtr, logsumexp, ndtr, ndtri, xlogy
 
 from sensorid import brief
 from sensorlab.gap.averages import FEWEST_TAPS, FEWEST_TURNS, averaged_over, undone
-from sensorlab.gap.catalogue import (
-    CALM, CATALOGUE, CERTAIN, EXACT, FEWEST, SMOOTH_OVER, lattice, lattice_between,
-    noise_where_calm, repeated_at_random, runs, snapped, spread_where_calm, taps_of)
+from sensorlab.gap.catalogue import CATALOGUE, taps_of
 from sensorlab.gap.clipping import unclipped
 from sensorlab.gap.effects import Found, Scene
+from sensorlab.gap.values import (
+    CERTAIN, EXACT, FEWEST, SMOOTH_OVER, TELLING, beside, interpolated, lattice,
+    lattice_between, more_than_chance, noise_where_calm, on_samples, repeated_at_random,
+    runs, snapped, spread_where_calm, within)
 
 
 class Reading(NamedTuple):
@@ -78,7 +80,8 @@ def readings(scene):
     from which nothing was taken away, or a moving average, as a tuple of Reading.
     """
     y, N, seen = scene.y, len(scene.y), []
-    taps, log_bayes = averaged_over(y)
+    between = interpolated(y)
+    taps, log_bayes = averaged_over(y) if not between.every else (0, 0.0)
     if taps:    # of what was read before it, no value but the counts shows anything
         average = Reading(_found("moving_average", window=taps * scene.dt), log_bayes,
                           np.zeros(N, bool), False)
@@ -97,6 +100,15 @@ def readings(scene):
             seen.append(Reading(_found("repeated_samples", frequency=rate, phase=None),
                                 COINCIDENCE * float(repeated.sum()), repeated, False))
     y = np.where(repeated, np.nan, y)
+    if between.own.any():
+        rate, phase = 1.0 - float(between.own.mean()), None
+        if between.every:
+            rate = 1.0 / between.every
+            phase = 2.0 * np.pi * ((0.5 - between.first) * rate % 1.0)
+        seen.append(Reading(_found("interpolated_samples", frequency=rate / scene.dt,
+                                   phase=phase, order=between.order),
+                            COINCIDENCE * float(between.own.sum()), between.own, False))
+        y = np.where(between.own, np.nan, y)
     lsb, noise = lattice_and_noise(y)
     moved = lattice_between(y) if not lsb else 0.0
     if moved:
@@ -175,11 +187,14 @@ def compared(scene, own, simulated=None):
 
 
 ALIKE = 0.02    # relative: two counts or limits that are the same
-WRONG = dict(quantization="lsb", repeated_samples="frequency", saturation="limits",
+WRONG = dict(quantization="lsb", repeated_samples="frequency",
+             interpolated_samples="frequency", saturation="limits",
              moving_average="window")
 NONE = dict(    # the values of a reading that does nothing
     quantization=lambda scene: dict(lsb=lattice(scene.y)),
     repeated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi),
+    interpolated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi,
+                                            order=1),
     moving_average=lambda scene: dict(window=scene.dt))
 
 
@@ -189,7 +204,7 @@ def _alike(own, seen, samples):
     """
     at_random = seen.get("phase", 0.0) is None
     rtol = ALIKE + (2.0 / np.sqrt(samples) if at_random else 0.0)
-    return all(symbol in ("spans", "phase", "codes")
+    return all(symbol in ("spans", "phase", "codes", "order")
                or np.allclose(value, seen[symbol], rtol=rtol)
                for symbol, value in own.items())
 
@@ -250,7 +265,7 @@ def recorded(y, dt, columns):
     largest = _spacing_of_largest(y)
     if lsb < largest <= COARSE * noise:    # what is small was rounded by less: a noise
         lsb, y = largest, largest * np.round(y / largest)    # that changes
-    return Scene(snapped(y), dt, columns,
+    return Scene(on_samples(snapped(y)), dt, columns,
                  rounding=lsb / np.sqrt(12.0) if lsb <= COARSE * noise else 0.0)
 
 
@@ -335,8 +350,7 @@ def _clipped(y, lsb, noise):
 
 ABRUPT = 14.0        # nats, by which a record is unlikely to end as it does
 SPAN = 8.0           # standard deviations that a noise has
-PREDICTED_BY = 16    # samples before, that tell the white noise of a record, ...
-TELLING = 20000      # ... of so many samples
+PREDICTED_BY = 16    # samples before, that tell the white noise of a record
 
 
 def _ends_abruptly(apart, lsb):
@@ -540,27 +554,17 @@ def _stuck(y, lsb, noise, clipped):
     start, length = runs(same)
     # what a part of the record, or neighbours, lie on is no lattice of it
     tie = _stays(lsb, noise) if lsb else _tie_by_chance(start, length, len(y))
-    own = length >= _more_than_chance(tie, len(y))
+    own = length >= more_than_chance(tie, len(y))
     start, length = start[own], length[own]
     while lsb and len(start):    # noise, and counts, may change: those nearby tell
         noise, ties = _nearby(y, start, length)
         tie = np.maximum(_stays(lsb, less_rounding(noise, lsb)), ties)
-        own = length >= _more_than_chance(tie, len(y))
+        own = length >= more_than_chance(tie, len(y))
         if own.all():
             break
         start, length = start[own], length[own]
     spans = list(zip(start - 1, length + 1))
-    stuck = np.zeros(len(y), bool)
-    for begin, n in spans:
-        stuck[begin + 1:begin + n] = True
-    return spans, stuck
-
-
-def _more_than_chance(tie, samples):
-    """Ties of such a probability each, one after another, that are no chance."""
-    with np.errstate(divide="ignore"):
-        return np.where(tie < 1.0, np.maximum(2.0, np.log(1e-4 / samples) / np.log(
-            tie)), np.inf)
+    return spans, within(start, length, len(y))
 
 
 def _stays(lsb, noise):
@@ -577,19 +581,9 @@ def _nearby(y, start, length):
     the share of samples there that equal the last, where it is larger.
     """
     step = np.abs(np.diff(y, prepend=np.nan))
-    for begin, n in zip(start, length):
-        step[begin:begin + n] = np.nan
-    own = ~np.isnan(step)
-    at = np.append(0, np.cumsum(own))[start]
-    first, last = np.maximum(at - CALM, 0), np.minimum(at + CALM, own.sum())
-
-    def mean(x, nothing):
-        total = np.append(0.0, np.cumsum(x))
-        return [np.where(end - begin < FEWEST, nothing, (
-            total[end] - total[begin]) / np.maximum(end - begin, 1))
-            for begin, end in ((first, at), (at, last))]
-    return (np.minimum(*mean(step[own], np.inf)) * np.sqrt(np.pi) / 2.0,
-            np.maximum(*mean(step[own] == 0.0, 0.0)))
+    same = np.where(np.isnan(step), np.nan, step == 0.0)
+    return (np.minimum(*beside(step, start, length, np.inf)) * np.sqrt(np.pi) / 2.0,
+            np.maximum(*beside(same, start, length, 0.0)))
 
 
 def _tie_by_chance(start, length, samples):
