@@ -282,6 +282,8 @@ FEWEST_ROWS = 4     # ... times as many as those that foretell one
 DETERMINED = 1e-3   # of the variance of steps: what is foretold is off by less, ...
 ELSE = 100.0        # ... and by so many times less than from any others as far apart
 NOTHING = 1e-12     # what rounding leaves
+SHARPEST = 2.0      # variance of bends to that of steps: of what was interpolated, as
+                    # half of the sampling rate of what was given is a quarter at most
 
 
 def _evenly(y):
@@ -295,6 +297,8 @@ def _evenly(y):
     at = start[length.argmax()]
     y = y[at:at + length.max()]
     scale = np.var(np.diff(y[:TELLING]))
+    if np.var(np.diff(y[:TELLING], 2)) > SHARPEST * scale:
+        return 0, 0, 1
     for order, most in MOST_APART.items():
         fewest = 2 * SIDES[order] * (FEWEST_ROWS + 1) + 2
         for every in range(min(most, len(y) // fewest) * bool(scale), 1, -1):
