@@ -138,10 +138,10 @@ def of_values(ax, d, reading, unit):
             ax.axhline(limit, color=AFTER, label=f"limit {limit:.4g} {unit}")
     ax.plot(scene.time[part], y[part], ".-", color=PALE, markerfacecolor=INK,
             markeredgecolor=INK, linewidth=0.6, markersize=4, label="record")
-    if "spans" in values:
-        stuck = np.flatnonzero(reading.masked[part]) + first
-        ax.plot(scene.time[stuck], y[stuck], ".", color=BEFORE, markersize=6,
-                label="stuck")
+    masked = np.flatnonzero(reading.masked[part]) + first
+    if len(masked) and "limits" not in values:
+        ax.plot(scene.time[masked], y[masked], ".", color=BEFORE, markersize=6,
+                label=reading.found.name.removesuffix("_samples"))
     ax.set(xlabel="time, s", ylabel=f"error, {unit}")
 
 
