@@ -132,7 +132,7 @@ def polled(y, rate, phase):
 @pytest.mark.parametrize("rate, lsb", [
     (0.67, 0.0), (0.5, 0.0), (1 / 3, 0.0), (0.104, 0.0), (0.98, 0.0), (0.9303, 0.0),
     (0.67, 0.2), (0.5, 0.2), (0.104, 0.2), (0.9303, 0.2), (0.9859, 0.1),
-    (0.9767, 0.06)])
+    (0.9767, 0.06), (0.67, 0.7), (0.5, 0.7), (0.9, 0.7)])
 def test_a_sensor_that_is_polled_too_fast_has_its_rate_read(rate, lsb):
     rng = np.random.default_rng(5)
     y = np.cumsum(0.05 * rng.standard_normal(3000)) + 0.5 * rng.standard_normal(3000)
@@ -147,6 +147,18 @@ def test_a_sensor_that_is_polled_too_fast_has_its_rate_read(rate, lsb):
     again = y.copy()    # the simulator repeats as the record does
     catalogue.repeat(scene, again, **one.found.values)
     assert np.mean(again != scene.y) < 0.01
+
+
+def test_what_moves_through_coarse_counts_repeats_nothing():
+    """Its ties are as regular as those of a sensor that is polled too fast."""
+    rng, t = np.random.default_rng(3), np.arange(4000)
+    for size, frequency in ((5.0, 0.0816), (2.3, 0.1377), (1.0, 0.1826), (2.3, 0.0928),
+                            (1.0, 0.4633), (5.0, 0.003)):
+        for noise in (0.05, 0.15):
+            y = np.round(size * np.sin(2.0 * np.pi * frequency * t + 1.0)
+                         + noise * rng.standard_normal(4000) + rng.uniform())
+            assert "repeated_samples" not in [
+                r.found.name for r in readings.readings(Scene(y, DT, {}))]
 
 
 @pytest.mark.parametrize("times", [2, 3, 7, 8, 9, 10, 12, 16, 25, 40])

@@ -468,6 +468,7 @@ TINY = 1e-300    # a probability that has a logarithm
 
 REGULAR = 0.75     # of the samples that a rate repeats are equal, if it is one: which
                    # is repeated where both meet may be chance
+ALWAYS = 0.95      # the same, where counts are coarser than the noise
 HARMONICS = 3      # of the rate that the largest line may be
 A_LINE = 3.0       # nats that a line has over the largest of noise
 MOST_TIES = 20000  # in which a rate is sought
@@ -508,8 +509,14 @@ def _own_rate(y):
     gain = (_log_likelihood(same[arc]) + _log_likelihood(same[~arc])
             - _log_likelihood(same))
     lsb, noise = lattice_and_noise(y[~repeated])
-    if gain < CERTAIN + 2.0 * np.log(N) or same[arc].mean() < REGULAR or lsb > noise:
-        return None    # a slow change through a coarse lattice is regular, too
+    left = _unpredicted(y[~np.isnan(y)][:TELLING])
+    if (gain < CERTAIN + 2.0 * np.log(N)
+            or same[arc].mean() < (ALWAYS if lsb > noise else REGULAR)):
+        return None
+    # what moves steadily through coarse counts is regular, too; nothing new is repeated
+    if lsb and (left is None or lsb > NOISY * less_rounding(
+            np.std(left) / np.sqrt(rate), lsb)):
+        return None
     if not lsb:    # none repeats by chance: what a clock that is not even repeats
         for begin, n in zip(*runs(same)):
             repeated[begin:begin + n] |= n <= np.ceil(1.0 / rate)
