@@ -188,22 +188,28 @@ def test_a_step_is_found_before_a_low_pass_and_behind_it(before):
         assert sensorlab.diagnose(y, 1.0, model).verdict == "none"
 
 
+def log_density(scene, low_pass, noise):
+    """Of a record, by a dense matrix: noise of a covariance (N + 1000, N + 1000) that
+    passes, a bias, and what digits leave out.
+    """
+    seen, long = ~np.isnan(scene.y), through_low_pass(*low_pass, N + 1000)
+    cov = (long @ noise @ long.T)[1000:, 1000:] + SPREAD**2 + (
+        scene.rounding**2 * np.eye(N))
+    return stats.multivariate_normal(cov=cov[np.ix_(seen, seen)]).logpdf(scene.y[seen])
+
+
 def test_vibration_passes_a_low_pass(behind):
     scene, low_pass, *_ = behind
     rounded = scene._replace(rounding=0.01)    # it leaves less
     h = member(rounded, sensorid.hypothesis("white_noise", sigma_v=0.5,
                                             bias_sigma=SPREAD), "narrow_band_noise"
                ).with_effect(CATALOGUE["bandwidth"], low_pass.variant)
-    seen, long = ~np.isnan(scene.y), through_low_pass(*low_pass, N + 1000)
     lag = np.abs(np.subtract.outer(*2 * [np.arange(N + 1000)]))
     band = 0.8**2 * np.exp(-lag / 20.0) * np.cos(2.0 * np.pi * 0.07 * lag)
-    cov = (long @ (band + 0.5**2 * np.eye(len(lag))) @ long.T)[1000:, 1000:] + (
-        SPREAD**2 + 0.01**2 * np.eye(N))
     theta = np.array([[0.5, 0.07, 20.0, 0.8, low_pass.tau]])
     assert_allclose(
         filters.log_likelihoods(h, rounded, (), theta),
-        stats.multivariate_normal(cov=cov[np.ix_(seen, seen)]).logpdf(scene.y[seen]),
-        rtol=1e-6)
+        log_density(rounded, low_pass, band + 0.5**2 * np.eye(len(lag))), rtol=1e-6)
 
 
 @pytest.mark.parametrize("before", [True, large(False)])
@@ -231,12 +237,9 @@ def test_what_digits_round_is_white_noise_behind_a_low_pass(behind):
     h = member(rounded, sensorid.hypothesis("white_noise", sigma_v=1.0,
                                             bias_sigma=SPREAD)
                ).with_effect(CATALOGUE["bandwidth"], low_pass.variant)
-    seen, long = ~np.isnan(scene.y), through_low_pass(*low_pass, N + 1000)
-    cov = (long @ long.T)[1000:, 1000:] + SPREAD**2 + 0.01**2 * np.eye(N)
     assert_allclose(
         filters.log_likelihoods(h, rounded, (), np.array([[1.0, low_pass.tau]])),
-        stats.multivariate_normal(cov=cov[np.ix_(seen, seen)]).logpdf(scene.y[seen]),
-        rtol=1e-6)
+        log_density(rounded, low_pass, np.eye(N + 1000)), rtol=1e-6)
 
 
 @pytest.mark.parametrize("digits", ["%.3f", large("%.4g")])

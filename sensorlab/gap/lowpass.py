@@ -13,6 +13,9 @@ from sensorlab.gap.effects import columns_of
 from sensorlab.gap.kernels import Shock
 
 
+ALTERED = 0.05    # of the spread of a column, that a low-pass takes away from it
+
+
 class LowPass(NamedTuple):
     """A form of `bandwidth` that all passes, and its time constant."""
 
@@ -27,6 +30,11 @@ class LowPass(NamedTuple):
         """What comes out of columns (N, k) that were at rest before."""
         return lfilter(*self._polynomials(dt), columns - columns[0], axis=0
                        ) + columns[0]
+
+    def alters(self, column, dt):
+        """Is a column (N,) another where it has passed?"""
+        x = column[:, None]
+        return np.std(self.passed(x, dt) - x) > ALTERED * np.std(x)
 
     def back(self, rows, dt):
         """Rows (..., N) whose products with columns that are 0 at first are those of

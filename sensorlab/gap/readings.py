@@ -278,11 +278,13 @@ def _spacing_of_largest(y):
     significant digits for all, or 0.
     """
     size = np.abs(y[~np.isnan(y) & (y != 0.0)])
-    exponent = np.floor(np.log10(size))
     for digits in range(2, MOST_DIGITS + 1):
-        spacing = 10.0**(exponent + 1 - digits)
-        codes = size / spacing
-        if (np.abs(codes - np.round(codes)) < EXACT).all():
+        for some in size[:FEW_LARGEST**2], size:    # a long one of doubles is told soon
+            spacing = 10.0**(np.floor(np.log10(some)) + 1 - digits)
+            codes = some / spacing
+            if (np.abs(codes - np.round(codes)) >= EXACT).any():
+                break
+        else:
             return float(np.sort(spacing)[-min(FEW_LARGEST, len(spacing))])
     return 0.0
 

@@ -283,15 +283,6 @@ def closed_share(part):
     return f"{percent(part.closed)} [{100 * low:.0f}, {100 * high:.0f}]"
 
 
-EDGES = 0.05    # of the spread of a column, that a low-pass takes away from it
-
-
-def _is_smoothed(scene, one):
-    """Is a column that an effect follows another where it has passed its low-pass?"""
-    x = scene.along(one.column)[:, None]
-    return np.std(one.low_pass.passed(x, scene.dt) - x) > EDGES * np.std(x)
-
-
 def advice(d, unit):
     """What the effects are confused with, and which experiment tells."""
     rivals = [effect for c in d.causes[:2] for effect in c.effects]
@@ -307,7 +298,8 @@ def advice(d, unit):
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "
                    f"probability {one.share:.2f} among its forms; its size is of that")
     for one in d.found:
-        if one.low_pass and (one.effect.begins or _is_smoothed(d.scene, one)):
+        if one.low_pass and (one.effect.begins or one.low_pass.alters(
+                d.scene.along(one.column), d.scene.dt)):
             yield (f"{one.name} is there before the low-pass, which smooths its edges: "
                    "behind it they would be sharp")
     for one in d.found:
