@@ -10,7 +10,8 @@ from scipy.stats import norm
 import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator
-from sensorlab.gap import catalogue, readings, values, words
+from sensorlab.gap import catalogue, clipping, readings, values, words
+from sensorlab.gap.codes import uneven_codes
 
 
 def test_readings_are_seen_and_what_is_none_is_not():
@@ -60,7 +61,7 @@ def test_values_meet_by_chance_in_the_part_that_nothing_was_added_to():
     rng = np.random.default_rng(10)
     y = 0.06 * np.round(0.5 * rng.standard_normal(4000) / 0.06)
     y[2000:] += 0.3 * rng.standard_normal(2000)
-    assert readings.runs(np.diff(y) == 0.0)[1].max() >= 2    # by chance
+    assert values.runs(np.diff(y) == 0.0)[1].max() >= 2    # by chance
     assert readings.readings(Scene(y, DT, {})) == ()
     y[700:730] = y[700]
     (stuck,) = readings.readings(Scene(y, DT, {}))
@@ -287,7 +288,7 @@ def test_values_meet_by_chance_where_a_record_is_calm(calm):
         rng = np.random.default_rng(seed)
         sigma = np.where(np.arange(4000) % 1000 < 500, calm, 20.0)
         y = np.round(rng.uniform(-1.0, 1.0) + sigma * rng.standard_normal(4000))
-        longest = readings.runs(np.diff(y) == 0.0)[1].max()
+        longest = values.runs(np.diff(y) == 0.0)[1].max()
         found = [r.found.name for r in readings.readings(Scene(y, DT, {}))]
         assert longest >= 2 and "stuck" not in found
     y[1700:1712], y[1712] = y[1700], y[1700] + 1.0    # where it is loud
@@ -401,9 +402,9 @@ def test_a_sample_far_away_or_two_codes_alone_are_no_limit():
     for far in (1e4, 1e9, 1e13):
         y[7] = far
         readings.readings(Scene(y, DT, {}))
-        assert not readings._clipped(y, 0.2, 1.0)[1].any()
+        assert not clipping.limits_of(y, 0.2, 1.0)[1].any()
     for codes in ([0.0], [0.0, 1.0], [0.0, 300.0]):
-        assert not readings._piles_up(np.repeat(codes, 50))
+        assert not clipping._piles_up(np.repeat(codes, 50))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -526,7 +527,7 @@ def test_few_codes_of_even_width_are_not_uneven(kind, codes):
     for seed in range(5):
         y = noisy(np.random.default_rng(seed), kind) * codes / 3.0
         for record in (y, lfilter(*butter(2, 0.3), y)):
-            assert not readings._codes(np.round(record), 1.0)[0]
+            assert not uneven_codes(np.round(record), 1.0)[0]
 
 
 def test_a_converter_is_simulated_as_it_was_read():

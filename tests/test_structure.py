@@ -50,13 +50,14 @@ def test_a_section_calls_only_sections_above_it(end):
 
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
              # folder
-    "sensorlab/gap": ["costs", "effects", "values", "catalogue", "kernels", "lowpass",
-                      "unrolled", "steps", "mixtures", "filters", "evidence", "joint",
-                      "screens", "spectra", "signatures", "onsets", "scans", "tuning",
-                      "clipping", "averages", "readings", "account", "directed",
-                      "causes", "pairs", "probes", "places", "distance", "closure",
-                      "drift", "twins", "flexible", "search", "remainder", "verdict",
-                      "diagnosis", "blackbox", "sizes", "words", "report", "curves"],
+    "sensorlab/gap": ["costs", "effects", "values", "repeats", "interpolated",
+                      "catalogue", "kernels", "lowpass", "unrolled", "steps",
+                      "mixtures", "filters", "evidence", "joint", "screens", "spectra",
+                      "signatures", "onsets", "scans", "tuning", "codes", "clipping",
+                      "averages", "readings", "account", "directed", "causes", "pairs",
+                      "probes", "places", "distance", "closure", "drift", "twins",
+                      "flexible", "search", "remainder", "verdict", "diagnosis",
+                      "blackbox", "sizes", "words", "report", "curves"],
     "sensorlab/readers": ["dates", "clocks", "channels", "axes", "covariates",
                           "messages", "arrays", "text", "objects",
                           "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],

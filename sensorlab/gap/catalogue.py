@@ -15,7 +15,9 @@ from scipy.signal import butter, lfilter, lfilter_zi
 
 from sensorid import JIT, Parameter, ShapingFilter, sum_of
 from sensorlab.gap.effects import Effect, Jumps
-from sensorlab.gap.values import interpolated, lattice, repeated_at_random
+from sensorlab.gap.interpolated import interpolated
+from sensorlab.gap.repeats import repeated_at_random
+from sensorlab.gap.values import lattice
 
 
 # ---- columns: (scene, x, psi) gives pairs of a variant and an (N, k) array

@@ -20,13 +20,14 @@ from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort, onset_law
 from sensorlab.gap.filters import filter_of, log_likelihoods, part_of, predict
 from sensorlab.gap.lowpass import families_passing, low_pass_of, signature_passing
-from sensorlab.gap.readings import NOISY, as_read, less_rounding
+from sensorlab.gap.readings import as_read
 from sensorlab.gap.screens import (
     FEW, HEAD, LITTLE, SCREENS, change_of_drive, change_of_level, noise_with,
     screened, usual_variance)
 from sensorlab.gap.signatures import families
 from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
 from sensorlab.gap.steps import RECENT
+from sensorlab.gap.values import NOISY, less_rounding
 
 UNKNOWN = Effect("unknown")    # something that is in no catalogue
 

@@ -1,12 +1,153 @@
-"""What clipped samples may have been: they are not missing at random."""
+"""Limits at which samples are clipped, and what they may have been: they are not
+missing at random.
+"""
 
 import functools
 
 import numpy as np
 from numba import njit
+from scipy.optimize import minimize
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from sensorid import INSIDE
+from sensorlab.gap.codes import uneven_codes
 from sensorlab.gap.kernels import KERNEL, row_products
+from sensorlab.gap.values import COARSE, TELLING, less_rounding, unpredicted
+
+
+# ---- limits
+
+TAIL = 4              # values next to the last one, of which the fullest counts
+FEWEST_CODES = 4      # of a lattice: how often three are met, a normal law may explain
+
+
+def limits_of(y, lsb, noise):
+    """Limits, infinite where there is none, and the samples (N,) that lie on one: the
+    last value is met far more often than a tail allows. Few counts have no tail.
+    """
+    seen = y[~np.isnan(y)]
+    clipped, limits = np.zeros(len(y), bool), []
+    if np.ptp(seen) < (FEWEST_CODES - 1.5) * lsb:
+        return [-np.inf, np.inf], clipped
+    for sign in (-1.0, 1.0):
+        end = sign * np.max(sign * seen)
+        # on a lattice, a few far out may meet on one value: what is next to it counts
+        near = [*sign * np.unique(sign * seen)[-TAIL - 1:-1], *(
+            end - sign * k * lsb for k in range(1, TAIL + 1) if lsb)]
+        before = max(np.sum(np.abs(y - v) <= 0.5 * lsb) for v in near)
+        least = 3 if lsb < COARSE * noise else 3 * TAIL
+        at_end = y == end
+        count = np.sum(at_end)
+        # where others do not come again, none does by chance; it may stick once
+        others = seen[seen != end]
+        full = not lsb and count >= least and np.sum(np.diff(at_end)) > 3 and (
+            2 * len(np.unique(others)) > len(others))
+        full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
+            lsb > 0.0 and count >= least and (
+                lsb >= COARSE * noise and _piles_up(np.abs(end - seen) / lsb)
+                or _ends_abruptly(np.abs(end - seen), lsb)
+                and not uneven_codes(seen[seen != end], lsb)[0]))
+        full = full and _is_near(end, seen, lsb)
+        limits.append(float(end) if full else sign * np.inf)
+        clipped |= at_end & full
+    return limits, clipped
+
+
+ABRUPT = 14.0        # nats, by which a record is unlikely to end as it does
+SPAN = 8.0           # standard deviations that a noise has
+
+
+def _ends_abruptly(apart, lsb):
+    """Are there so many samples on the last code of a lattice that there ought to be
+    others beyond? Samples are `apart` (N,) from it.
+
+    What cannot be predicted is normal, of standard deviation s at least. If n of N
+    samples are on the code, it lies D s at most above what is predicted, the normal
+    quantile of 1 - n / N, and beyond it r n are to be expected at least, r the sum of
+    exp(-D x - x^2 / 2), x in units of s; a code may be half as wide again. That n are
+    on it and none beyond has at most the probability (1 + r)^-n, whatever was to be
+    expected there.
+    """
+    left = unpredicted(apart[:TELLING])
+    if left is None:
+        return False
+    noise = less_rounding(np.std(left), lsb)
+    on = apart < 0.5 * lsb
+    count = on[0] + np.sum(on[1:] & ~on[:-1])    # what is slow rests there
+    if not noise or not count:
+        return False
+    x = lsb / noise * (np.arange(1, int(SPAN * noise / lsb) + 2) + 0.5)
+    above = -ndtri(0.5 * count / len(apart))
+    return count * np.log1p(np.exp(-above * x - 0.5 * x**2).sum()) > ABRUPT
+
+
+APART = 5.0    # standard deviations of the noise: what is farther out was never clipped
+
+
+def _is_near(end, seen, lsb):
+    """Do other values of a record come near its end? If not, that is what a logger
+    writes where it has no value.
+    """
+    others = seen[seen != end]
+    noise = np.sqrt(np.mean(np.diff(others)**2) / 2.0) if len(others) > 1 else 0.0
+    return np.abs(end - others).min(initial=np.inf) <= max(APART * noise, 1.5 * lsb)
+
+
+FEWEST_NEXT, MOST_NEXT = 4, 8    # codes next to the last one, that foretell it
+PILED = 4.0    # standard deviations by which there is more than they foretell
+
+
+def _piles_up(apart):
+    """Is the last code of a lattice met more often than those next to it foretell?
+
+    Samples are so many codes `apart` (N,) from it. Roots of counts have one variance,
+    or more if codes are of uneven width (F. J. Anscombe, Biometrika 35, 1948); up to
+    the fullest code a parabola foretells them, or a line if they are few.
+    """
+    near = np.round(apart[apart < 2 * MOST_NEXT]).astype(int)
+    count = np.bincount(near, minlength=FEWEST_NEXT)
+    root, own = np.sqrt(count + 0.375), np.arange(
+        1, min(MOST_NEXT, count[1:].argmax() + 1) + 1)
+    if len(own) < FEWEST_NEXT:
+        return False
+    powers = np.vander(own, 3 if len(own) > FEWEST_NEXT + 1 else 2, increasing=True)
+    inverse = np.linalg.inv(powers.T @ powers)
+    fit = inverse @ (powers.T @ root[own])
+    off = root[own] - powers @ fit
+    variance = max(0.25, off @ off / (len(own) - len(fit)))
+    foretold = max(fit[0], np.sqrt(0.375))
+    return root[0] - foretold > PILED * np.sqrt(variance * (1.0 + inverse[0, 0]))
+
+
+def latent_law(y, ends, lsb):
+    """Mean and standard deviation that the values of a record most likely had before
+    they were clipped at two ends and rounded to a lattice, if they are normal.
+    """
+    half, y = 0.5 * lsb, y[~np.isnan(y)]
+    inside = y[(y > ends[0]) & (y < ends[1])]
+    clipped = [(sign, end, np.sum(sign * (y - end) >= 0.0))
+               for sign, end in zip((-1.0, 1.0), ends) if np.isfinite(end)]
+    start = inside if len(inside) > 1 and np.ptp(inside) else y
+    value, count = np.unique(inside, return_counts=True)
+
+    def misfit(at):
+        mean, sigma = at[0], np.exp(at[1])
+        z = np.abs(value - mean) / sigma
+        if half:
+            law = np.log(ndtr(half / sigma - z) - ndtr(-half / sigma - z) + TINY)
+        else:
+            law = -0.5 * z * z - at[1]
+        return -count @ law - sum(number * log_ndtr(sign * (mean - end) / sigma)
+                                  for sign, end, number in clipped)
+    mean, log_sigma = minimize(misfit, [start.mean(), np.log(start.std())],
+                               method="Nelder-Mead").x
+    return float(mean), float(np.exp(log_sigma))
+
+
+TINY = 1e-300    # a probability that has a logarithm
+
+
+# ---- what clipped samples may have been
 
 ORDER = 16       # of the autoregressive process that a record is taken for
 SWEEPS = 30      # over all clipped samples, each with a process fitted anew

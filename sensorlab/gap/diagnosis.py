@@ -15,6 +15,7 @@ from sensorlab.gap.account import (
     Account, account, around, as_simulated, bias_of, fixed, in_place, with_tails)
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.causes import Cause, estimated_together
+from sensorlab.gap.clipping import latent_law
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
 from sensorlab.gap.costs import check_memory, heard_by, say, share_heap
 from sensorlab.gap.distance import Gap, distance, enough_trials
@@ -25,7 +26,7 @@ from sensorlab.gap.filters import Signature
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.kernels import dot
 from sensorlab.gap.readings import (
-    SMOOTH, as_read, compared, latent_law, latent_mean, missing, recorded)
+    SMOOTH, as_read, compared, latent_mean, missing, recorded)
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, beside_steps, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared

@@ -16,7 +16,8 @@ from sensorlab.gap.filters import (
     Filter, Shared, filter_of, filtered, predict, predict_first, shared)
 from sensorlab.gap.places import PLACES, Statistics, statistics
 from sensorlab.gap.probes import Probes, probes
-from sensorlab.gap.readings import COARSE, lattice_and_noise, misleads, without_readings
+from sensorlab.gap.readings import misleads, without_readings
+from sensorlab.gap.values import COARSE, lattice_and_noise
 
 
 class Gap(NamedTuple):

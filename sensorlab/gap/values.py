@@ -1,17 +1,17 @@
-"""What the values of a record tell without a model of it: the lattice they lie on, the
-noise where it is calm, which samples are the last one once more, or were interpolated.
+"""What the values of a record tell without a model of it: the lattice that they lie on,
+and the noise beneath it.
 """
 
 import functools
-from typing import NamedTuple
 
 import numpy as np
 
 TELLING = 20000     # samples that tell of a record what is the same everywhere
-FEWEST = 8          # repeated samples that show a rate
-CERTAIN = 15.0      # nats by which more than by chance are equal to the last
-MOSTLY_NEW = 1.5    # times as many as by chance that must be, to tell where they are
-EARLIER = range(4, 10)   # samples, to values that equal one by chance
+FEWEST = 8          # samples that show what is rare
+CERTAIN = 15.0      # nats by which there is more than by chance
+COARSE = 0.1        # of the white noise: a finer lattice is how a file was printed
+NOISY = 2.0         # of the white noise: what a coarser lattice adds is no white
+                    # noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
 
 
 def runs(true):
@@ -46,61 +46,6 @@ def more_than_chance(tie, samples):
     with np.errstate(divide="ignore"):
         return np.where(tie < 1.0, np.maximum(2.0, np.log(1e-4 / samples) / np.log(
             tie)), np.inf)
-
-
-def repeated_at_random(y):
-    """Samples (N,) of a record that are the last one once more; none, where chance
-    explains those that equal it, or they come in spans or in parts of the record.
-
-    Where values lie on a lattice, some are equal by chance, which is as likely as that
-    they equal an earlier one, the likelier the nearer they are. Which of them these
-    are says nothing: as many as there are by chance are left out at random.
-    """
-    return _repeated_in(np.asarray(y, float).tobytes())
-
-
-@functools.lru_cache(maxsize=2)    # every block of simulated records asks for it
-def _repeated_in(y):
-    y = np.frombuffer(y)
-    none, low, high = np.zeros(len(y), bool), np.nanmin(y), np.nanmax(y)
-    same = np.append(False, np.diff(y) == 0.0) & (low < y) & (y < high)    # not clipped
-    count = int(same.sum())
-    fresh = y[~same & ~np.isnan(y)]
-    if count < FEWEST or len(fresh) <= max(FEWEST, *EARLIER):
-        return none
-    lsb, near = lattice(fresh), np.abs(np.diff(fresh)).mean()
-    earlier = [np.abs(y[lag:] - y[:-lag]) for lag in EARLIER]
-    chance = np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / near for d in earlier]
-                     ) if lsb else _equal_by_chance(fresh)
-    share = count / len(y)
-    spans = np.sum(same[1:] & ~same[:-1])
-    parts = [part.sum() for part in np.array_split(same, 4)]
-    if (count < MOSTLY_NEW * chance or noise_where_calm(fresh) < SMOOTH_OVER * lsb
-            or count * np.log(count / max(chance, 1e-9)) < count - chance + CERTAIN
-            or spans < 0.5 * count * (1.0 - share) or min(parts) < count / 16
-            or not lsb and (lattice(y[same]) or lattice_between(fresh)
-                            or len(np.unique(y[same])) < FEWEST)):    # a dead zone
-        return none
-    keep = np.random.default_rng(0).random(len(y)) > chance / count
-    return same & keep
-
-
-OFTEN = 0.25    # as often as the difference that is met most
-
-
-def _equal_by_chance(y):
-    """How many neighbours of a record are equal by chance, where parts of it lie on
-    lattices, each on its own: half as many as differ by the least of a lattice.
-    """
-    d = np.abs(np.diff(y))
-    d = d[d > 0.0]
-    scale = 1e-9 * np.median(d) if len(d) else 1.0
-    value, times = np.unique(np.round(d / scale), return_counts=True)
-    if not len(d) or times[times > 1].sum() < MOSTLY * len(d):
-        return 0.0
-    several = times > max(1.0, OFTEN * times.max())
-    least = value[several].min()
-    return 0.5 * times[several & (value < 1.99 * least)].sum()
 
 
 CONCENTRATED = 0.9    # of a lattice: digits may blur it by a quarter of its spacing
@@ -248,170 +193,34 @@ def snapped(y):
     return seen[0] + lsb * np.round((y - seen[0]) / lsb) if lsb else y
 
 
-# ---- what lies between
-
-class Between(NamedTuple):
-    """Samples of a record that others were interpolated from."""
-
-    own: np.ndarray    # (N,) those that were interpolated
-    every: int = 0     # from one of the others to the next, if they are evenly apart
-    first: int = 0     # of the others
-    order: int = 1     # 1 on straight lines, 3 on smooth curves
+def lattice_and_noise(y):
+    """`lattice` of a record, and the standard deviation of its noise without it."""
+    lsb = lattice(y)
+    return lsb, noise_of(y, lsb)
 
 
-def interpolated(y):
-    """What is `Between` others of a record (N,), none by chance; lines and curves may
-    have been rounded to a lattice.
+def noise_of(y, lsb, apart=1):
+    """Standard deviation of what is another in samples so many `apart`, without what
+    rounding adds.
     """
-    return _between(np.asarray(y, float).tobytes())
+    seen = y[~np.isnan(y)]
+    return less_rounding(np.sqrt(np.mean((seen[apart:] - seen[:-apart])**2) / 2.0), lsb)
 
 
-@functools.lru_cache(maxsize=2)    # every block of simulated records asks for it
-def _between(y):
-    y = np.frombuffer(y)
-    every, first, order = _evenly(y)
-    if every:
-        return Between(np.arange(len(y)) % every != first, every, first, order)
-    return Between(_on_lines(y))
+def less_rounding(noise, lsb):
+    """Standard deviation of a noise without what rounding adds."""
+    return np.sqrt(np.maximum(noise**2 - lsb**2 / 12.0, 0.0))
 
 
-MOST_APART = {1: 20, 3: 10}    # samples from one that was given to the next, by order
-SIDES = {1: 1, 3: 12}    # of these, to either side, that what is between hangs on
-ROWS = 400          # of samples that are foretold, at most; and ...
-FEWEST_ROWS = 4     # ... times as many as those that foretell one
-DETERMINED = 1e-3   # of the variance of steps: what is foretold is off by less, ...
-ELSE = 100.0        # ... and by so many times less than from any others as far apart
-NOTHING = 1e-12     # what rounding leaves
-SHARPEST = 2.0      # variance of bends to that of steps: of what was interpolated, as
-                    # half of the sampling rate of what was given is a quarter at most
+PREDICTED_BY = 16    # samples before, that tell the white noise of a record
 
 
-def _evenly(y):
-    """How far samples are apart that determine all between, the first of them, and the
-    order of what is between, 1 or 3; 0, 0 and 1 if there are none.
-
-    One in the middle is foretold from the nearest of them, by a line or least squares.
-    Of a record that is merely smooth, all samples as far apart foretell the others.
+def unpredicted(y):
+    """What those PREDICTED_BY before do not foretell of samples, by least squares; None
+    if there are too few of them.
     """
-    start, length = runs(~np.isnan(y))
-    at = start[length.argmax()]
-    y = y[at:at + length.max()]
-    scale = np.var(np.diff(y[:TELLING]))
-    if np.var(np.diff(y[:TELLING], 2)) > SHARPEST * scale:
-        return 0, 0, 1
-    for order, most in MOST_APART.items():
-        fewest = 2 * SIDES[order] * (FEWEST_ROWS + 1) + 2
-        for every in range(min(most, len(y) // fewest) * bool(scale), 1, -1):
-            turn = np.median(np.abs(np.diff(y[:TELLING:every], 2)))
-            if turn**2 < DETERMINED * scale:    # most are held, or move steadily
-                continue
-            off = [_off(y[first:], every, order) / scale for first in range(every)]
-            best, second = np.sort(off)[:2]
-            if best < DETERMINED and second > max(ELSE * best, NOTHING):
-                return every, (at + int(np.argmin(off))) % every, order
-    return 0, 0, 1
-
-
-def _off(y, every, order):
-    """Variance of what those so far apart do not foretell of what is between."""
-    sides, middle = SIDES[order], every // 2
-    near = np.lib.stride_tricks.sliding_window_view(y[::every], 2 * sides)[:ROWS]
-    true = y[(sides - 1) * every + middle::every][:len(near)]
-    near = near[:len(true)]
-    if order == 1:
-        off = true - near @ np.array([every - middle, middle]) / every
-    else:
-        near = np.column_stack([np.ones(len(true)), near])
-        off = true - near @ np.linalg.lstsq(near, true)[0]
-    return np.var(off)
-
-
-ON_A_LINE = 1e-4    # of a step: times of 1.7e9 s, of samples 10 ms apart, are as exact
-ROUNDED = 1.5       # spacings of a lattice: rounding bends a line by one at most
-DENSITY = 10        # times as wide, about: bends of a size that is as likely by chance
-SELDOM = 0.1        # of what lies on lines may do so by chance
-MOSTLY_MEET = 0.75    # of the lines, between samples, if any do
-AHEAD = np.sqrt(20.0)    # standard deviations of a bend of noise that is not smooth, to
-                         # that of what is new in it
-
-
-def _on_lines(y):
-    """Samples (N,) on straight lines between others, wherever they are."""
-    step, bend = np.diff(y), np.full(len(y), np.nan)
-    moves = np.abs(step[~np.isnan(step) & (step != 0.0)])
-    typical = moves.mean() if len(moves) else 0.0
-    bend[1:-1] = np.where(step[1:] * step[:-1] != 0.0, np.abs(np.diff(step)), np.nan)
-    for reach, found in ((ON_A_LINE * typical, _exactly),
-                         (ROUNDED * (lattice(y) or lattice_between(y)), _rounded)):
-        if not reach or np.sum(bend <= reach) < FEWEST:
-            continue
-        start, length = found(bend, reach)
-        begin, end = start - 1, start + length
-        slope = (y[end] - y[begin]) / (end - begin)
-        if FEWEST <= length.sum() < len(y) - 2 * FEWEST and _is_new(slope, typical):
-            return within(start, length, len(y))
-    return np.zeros(len(y), bool)
-
-
-def _is_new(slope, typical):
-    """Is every slope a new one? Those of something slow that was added to what is held
-    go on, and those of a lattice come again.
-    """
-    return len(slope) == 1 or (
-        np.median(np.abs(np.diff(slope))) > SELDOM * np.median(np.abs(slope))
-        and len(np.unique(np.round(slope / (ON_A_LINE * typical)))) > 0.5 * len(slope))
-
-
-def _exactly(bend, reach):
-    """Runs (first sample, length) of samples on lines, if there are far more than by
-    chance, which are as many as have bends that are little wider; on a lattice, half as
-    many as have one size.
-    """
-    start, length = runs(bend <= reach)
-    wider = np.round(bend[bend > reach] / reach)
-    by_chance = max(np.sum(wider <= DENSITY) / DENSITY,
-                    0.5 * np.unique(wider, return_counts=True)[1].max(initial=0))
-    own = np.full(len(start), by_chance < SELDOM * length.sum())
-    return start[own], length[own]
-
-
-def _rounded(bend, reach):
-    """The same where lines were rounded: if there are far more than by chance, as noise
-    is about them, else those that go on for longer.
-    """
-    start, length = runs(bend <= reach)
-    about = np.minimum(*beside(bend, start, length, np.inf))
-    by_chance = np.where(np.isfinite(about), 2.0 * AHEAD / np.pi * reach / about, 1.0)
-    own = by_chance < SELDOM
-    if own.any() and np.median(by_chance[own]) * len(bend) > SELDOM * length[own].sum():
-        own &= length >= more_than_chance(by_chance, len(bend))
-    return start[own], length[own]
-
-
-def on_samples(y):
-    """A record (N,) whose lines meet between samples, where these are moved to the
-    nearest sample; else as it is.
-    """
-    lines = interpolated(y)
-    if lines.every or not lines.own.any():
-        return y
-    start, length = runs(lines.own)
-    begin, end = start - 1, start + length
-    pair = end[:-1][begin[1:] == end[:-1] + 3] + 1    # on one, too, if it meets both
-    begin, end = np.sort([*begin, *pair]), np.sort([*end, *pair + 1])
-    slope = (y[end] - y[begin]) / (end - begin)
-    at = np.flatnonzero(begin[1:] == end[:-1] + 1)    # lines with nothing between them
-    before, rise = end[at], y[begin[at + 1]] - y[end[at]]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        beyond = (rise - slope[at + 1]) / (slope[at] - slope[at + 1])
-    meet = (beyond >= 0.0) & (beyond <= 1.0)
-    if meet.sum() < max(FEWEST, MOSTLY_MEET * len(meet)):
-        return y
-    at, before, beyond = at[meet], before[meet], beyond[meet]
-    given, moved, seen = ~lines.own, y.copy(), np.flatnonzero(~np.isnan(y))
-    given[before] = given[before + 1] = False
-    nearest = np.where(beyond < 0.5, before, before + 1)
-    given[nearest], moved[nearest] = True, y[before] + beyond * slope[at]
-    given = np.flatnonzero(given & ~np.isnan(y))
-    moved[seen] = np.interp(seen, given, moved[given])
-    return moved
+    rows = np.lib.stride_tricks.sliding_window_view(y, min(PREDICTED_BY + 1, len(y)))
+    if len(rows) < 4 * PREDICTED_BY:
+        return None
+    before = np.column_stack([np.ones(len(rows)), rows[:, :-1]])
+    return rows[:, -1] - before @ np.linalg.lstsq(before, rows[:, -1])[0]

@@ -11,7 +11,7 @@ import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator
 from sensorlab.gap import readings
-from sensorlab.gap.values import interpolated, on_samples
+from sensorlab.gap.interpolated import interpolated, on_samples
 
 N = 4000
 GIVEN = dict(    # times, in samples, at which a sensor gives a value

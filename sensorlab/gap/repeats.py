@@ -1,0 +1,236 @@
+"""Samples that are the last one once more: a sensor is polled faster than it gives new
+ones, or at random, or it is stuck.
+"""
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from scipy.fft import next_fast_len
+from scipy.special import erf, xlogy
+
+from sensorlab.gap.values import (
+    CERTAIN, FEWEST, MOSTLY, NOISY, SMOOTH_OVER, TELLING, beside, lattice,
+    lattice_and_noise, lattice_between, less_rounding, more_than_chance,
+    noise_where_calm, runs, unpredicted, within)
+
+
+class Repeats(NamedTuple):
+    """Samples of a record that are the last one once more."""
+
+    own: np.ndarray    # (N,) those that are
+    rate: float        # how many of all samples are new
+    phase: float       # of the new ones, in turns; None where they come at random
+
+
+def repeated(y):
+    """`Repeats` of a record (N,): at a rate of its own, else at random, if any."""
+    polled = _polled(y)
+    if polled:
+        return polled
+    own = repeated_at_random(y)
+    return Repeats(own, 1.0 - float(own.mean()), None)
+
+
+# ---- at a rate of its own
+
+REGULAR = 0.75     # of the samples that a rate repeats are equal, if it is one: which
+                   # is repeated where both meet may be chance
+ALWAYS = 0.95      # the same, where counts are coarser than the noise
+HARMONICS = 3      # of the rate that the largest line may be
+A_LINE = 3.0       # nats that a line has over the largest of noise
+MOST_TIES = 20000  # in which a rate is sought
+ONE_TURN = 1e-7    # turns: one and the same
+FINE = 20          # parts of the arc to which a rate is found over the record
+
+
+def _polled(y):
+    """`Repeats` of a sensor that is polled faster than it gives new values, or None.
+
+    Sample i is repeated where the fractional part of rate i + phase is above the rate:
+    an arc. The rate has a line in the spectrum of the ties. What repeats by chance is
+    as often outside of the arc.
+    """
+    N = len(y)
+    same = np.append(False, np.diff(y) == 0.0)
+    ties, p = np.flatnonzero(same), same.mean()
+    if len(ties) < FEWEST:
+        return None
+    n = next_fast_len(4 * N, real=True)
+    power = np.abs(np.fft.rfft(same - p, n)[4:])**2 / (N * p * (1.0 - p) + 1e-9)
+    if power.max() < np.log(N) + A_LINE:
+        return None
+    strong = np.flatnonzero(power > 0.5 * power.max())[[0, -1]]    # of its harmonics
+    every = -(-len(ties) // MOST_TIES)
+    ties = ties[::every]
+    lines = (4 + np.append(strong, power.argmax())) / n
+    rate = max((_nearest(ties, r, N / every, N, 0.5, 21)
+                for line in lines for k in range(1, HARMONICS + 1)
+                for r in (line / k, 1.0 - line / k)))[1]
+    finer = np.clip(int(1.0 / (1.0 - rate)), 1, FINE)
+    _, rate = _nearest(ties, rate, N / every, N, 0.1, FINE * finer)
+    middle = _arc(ties, rate)[1]
+    away = (rate * np.arange(N) - middle + 0.5) % 1.0 - 0.5
+    arc = np.abs(away) < 0.5 * (1.0 - rate)
+    again = same & arc
+    gain = (_log_likelihood(same[arc]) + _log_likelihood(same[~arc])
+            - _log_likelihood(same))
+    lsb, noise = lattice_and_noise(y[~again])
+    left = unpredicted(y[~np.isnan(y)][:TELLING])
+    if (gain < CERTAIN + 2.0 * np.log(N)
+            or same[arc].mean() < (ALWAYS if lsb > noise else REGULAR)):
+        return None
+    # what moves steadily through coarse counts is regular, too; nothing new is repeated
+    if lsb and (left is None or lsb > NOISY * less_rounding(
+            np.std(left) / np.sqrt(rate), lsb)):
+        return None
+    if not lsb:    # none repeats by chance: what a clock that is not even repeats
+        for begin, n in zip(*runs(same)):
+            again[begin:begin + n] |= n <= np.ceil(1.0 / rate)
+    return Repeats(again, float(rate), float((0.5 * (1.0 + rate) - middle) % 1.0))
+
+
+def _log_likelihood(same):
+    """Largest log-likelihood of independent ties."""
+    p = np.sum(same) / max(len(same), 1)
+    return len(same) * (xlogy(p, p) + xlogy(1.0 - p, 1.0 - p))
+
+
+def _arc(ties, rate):
+    """How many ties lie in the arc of the repeated samples at a rate, wherever most do,
+    and its middle, in turns. Their mean direction would be off by those by chance.
+    """
+    turns = np.sort(rate * ties % 1.0)
+    around = np.append(turns, turns + 1.0)
+    # the arc is open: at a rate of 1/k both ends are samples
+    last = np.searchsorted(around, turns + 1.0 - rate - ONE_TURN)
+    count = last - np.arange(len(turns))
+    k = count.argmax()
+    return count[k], 0.5 * (turns[k] + around[last[k] - 1])
+
+
+def _nearest(ties, rate, samples, N, reach, count):
+    """By how much more ties than other samples, of so many in all, lie in the arc of
+    the best of so many rates, so many turns in N samples about one; and the middle of
+    the best rates.
+    """
+    rates = rate + np.linspace(-reach, reach, count) / N
+    inside = np.array([_arc(ties, r)[0] for r in rates])
+    score = 2.0 * inside - samples * (1.0 - rates)
+    return score.max(), np.mean(rates[inside == inside[score.argmax()]])
+
+
+# ---- at random
+
+MOSTLY_NEW = 1.5    # times as many as by chance that must be, to tell where they are
+EARLIER = range(4, 10)   # samples, to values that equal one by chance
+
+
+def repeated_at_random(y):
+    """Samples (N,) of a record that are the last one once more; none, where chance
+    explains those that equal it, or they come in spans or in parts of the record.
+
+    Where values lie on a lattice, some are equal by chance, which is as likely as that
+    they equal an earlier one, the likelier the nearer they are. Which of them these
+    are says nothing: as many as there are by chance are left out at random.
+    """
+    return _repeated_in(np.asarray(y, float).tobytes())
+
+
+@functools.lru_cache(maxsize=2)    # every block of simulated records asks for it
+def _repeated_in(y):
+    y = np.frombuffer(y)
+    none, low, high = np.zeros(len(y), bool), np.nanmin(y), np.nanmax(y)
+    same = np.append(False, np.diff(y) == 0.0) & (low < y) & (y < high)    # not clipped
+    count = int(same.sum())
+    fresh = y[~same & ~np.isnan(y)]
+    if count < FEWEST or len(fresh) <= max(FEWEST, *EARLIER):
+        return none
+    lsb, near = lattice(fresh), np.abs(np.diff(fresh)).mean()
+    earlier = [np.abs(y[lag:] - y[:-lag]) for lag in EARLIER]
+    chance = np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / near for d in earlier]
+                     ) if lsb else _equal_by_chance(fresh)
+    share = count / len(y)
+    spans = np.sum(same[1:] & ~same[:-1])
+    parts = [part.sum() for part in np.array_split(same, 4)]
+    if (count < MOSTLY_NEW * chance or noise_where_calm(fresh) < SMOOTH_OVER * lsb
+            or count * np.log(count / max(chance, 1e-9)) < count - chance + CERTAIN
+            or spans < 0.5 * count * (1.0 - share) or min(parts) < count / 16
+            or not lsb and (lattice(y[same]) or lattice_between(fresh)
+                            or len(np.unique(y[same])) < FEWEST)):    # a dead zone
+        return none
+    keep = np.random.default_rng(0).random(len(y)) > chance / count
+    return same & keep
+
+
+OFTEN = 0.25    # as often as the difference that is met most
+
+
+def _equal_by_chance(y):
+    """How many neighbours of a record are equal by chance, where parts of it lie on
+    lattices, each on its own: half as many as differ by the least of a lattice.
+    """
+    d = np.abs(np.diff(y))
+    d = d[d > 0.0]
+    scale = 1e-9 * np.median(d) if len(d) else 1.0
+    value, times = np.unique(np.round(d / scale), return_counts=True)
+    if not len(d) or times[times > 1].sum() < MOSTLY * len(d):
+        return 0.0
+    several = times > max(1.0, OFTEN * times.max())
+    least = value[several].min()
+    return 0.5 * times[several & (value < 1.99 * least)].sum()
+
+
+# ---- in spans
+
+def stuck_spans(y, lsb, noise, clipped):
+    """Runs (first sample, length) of equal values longer than chance, and the samples
+    (N,) of them but the first, which is a reading.
+    """
+    same = np.append(False, np.diff(y) == 0.0) & ~clipped
+    start, length = runs(same)
+    # what a part of the record, or neighbours, lie on is no lattice of it
+    tie = _stays(lsb, noise) if lsb else _tie_by_chance(start, length, len(y))
+    own = length >= more_than_chance(tie, len(y))
+    start, length = start[own], length[own]
+    while lsb and len(start):    # noise, and counts, may change: those nearby tell
+        noise, ties = _nearby(y, start, length)
+        tie = np.maximum(_stays(lsb, less_rounding(noise, lsb)), ties)
+        own = length >= more_than_chance(tie, len(y))
+        if own.all():
+            break
+        start, length = start[own], length[own]
+    spans = list(zip(start - 1, length + 1))
+    return spans, within(start, length, len(y))
+
+
+def _stays(lsb, noise):
+    """Probability that a value in the middle of its cell stays there by chance; 1 where
+    the noise does not tell.
+    """
+    return np.where(lsb < 2.0 * noise, erf(
+        lsb / np.maximum(2.0 * np.sqrt(2.0) * noise, lsb)), 1.0)
+
+
+def _nearby(y, start, length):
+    """Standard deviations of the white noise next to runs of equal values of that first
+    sample and length, where it is calmer: before or behind them, the runs left out; and
+    the share of samples there that equal the last, where it is larger.
+    """
+    step = np.abs(np.diff(y, prepend=np.nan))
+    same = np.where(np.isnan(step), np.nan, step == 0.0)
+    return (np.minimum(*beside(step, start, length, np.inf)) * np.sqrt(np.pi) / 2.0,
+            np.maximum(*beside(same, start, length, 0.0)))
+
+
+def _tie_by_chance(start, length, samples):
+    """Probability that a sample equals the last by chance, where runs of equal ones
+    are: it is that a single tie goes on, and one over how far it is to the next.
+    """
+    once, twice = start[length == 1], np.sum(length == 2)
+    if FEWEST <= twice < len(once):
+        return twice / len(once)
+    if len(once) <= 2:
+        return len(once) / samples
+    # half of the distances are beyond the median; there are parts without ties, too
+    return 1.0 - 0.5**(1.0 / np.median(np.diff(once)))
