@@ -12,11 +12,11 @@ import sensorid
 import sensorlab
 from sensorlab import Scene
 from sensorlab.gap import blackbox, words
-from sensorlab.gap.causes import Beyond
 from sensorlab.gap.distance import distance
 from sensorlab.gap.effects import members
 from sensorlab.gap.joint import NEAR, SHARE, surface_of
 from sensorlab.gap.twins import less_shared
+from sensorlab.gap.wrong import Beyond
 
 
 def sensor(rng, n=2000, sigma=0.5, lines=(0.9,)):

@@ -15,7 +15,8 @@ import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import (
-    causes, directed, effects, evidence, filters, scans, screens, signatures)
+    causes, directed, effects, evidence, filters, inside, rival, scans, screens,
+    signatures)
 from sensorlab.gap.account import account, fixed
 from sensorlab.gap.effects import Member
 from sensorlab.gap.readings import Reading
@@ -142,8 +143,8 @@ def test_spectra_tell_about_what_the_filters_of_a_process_tell(name, size):
     full = account(scene, base.bases, [h.with_effect(CATALOGUE[name])
                                        for h in base.hypotheses], past=base)
     exact = full.log_evidence - base.log_evidence
-    (about,) = causes._told_by_screens(
-        causes._Inside(scene, scene, base, base), [CATALOGUE[name]])
+    (about,) = inside._told_by_screens(
+        inside.Inside(scene, scene, base, base), [CATALOGUE[name]])
     assert (exact > 3.0) == (size > 0.0)
     assert_allclose(about, exact, atol=1.0 + 0.1 * abs(exact))
 
@@ -153,7 +154,7 @@ def test_what_is_known_of_one_spares_the_filters_of_all_others():
     scene = Scene(rng.standard_normal(500), DT, {})
     base = account(scene, [member(scene, WHITE_OF_A_RANGE[0])])
     some = [CATALOGUE[name] for name in ("correlated_noise", "bias_instability")]
-    one, other = causes._with_filters(causes._Inside(scene, scene, base, base), some,
+    one, other = inside.with_filters(inside.Inside(scene, scene, base, base), some,
                                       True, 100.0, "bias_instability")
     assert one.effect is some[1] and one.account and one.log_bayes < 3.0
     assert other.effect is some[0] and not other.account
@@ -173,10 +174,10 @@ def test_what_is_weak_in_a_long_record_passes_its_screen(name):
     base = account(scene, [h])
     full = account(scene, [h], [h.with_effect(CATALOGUE[name])], past=base)
     exact = full.log_evidence - base.log_evidence
-    (about,) = causes._told_by_screens(
-        causes._Inside(scene, scene, base, base), [CATALOGUE[name]])
+    (about,) = inside._told_by_screens(
+        inside.Inside(scene, scene, base, base), [CATALOGUE[name]])
     assert exact > 8.0
-    assert about > causes.AT_LEAST * exact
+    assert about > rival.AT_LEAST * exact
 
 
 def test_a_few_outliers_in_a_long_record_pass_their_screen():
@@ -207,16 +208,16 @@ def test_steps_are_counted_soon_or_not_so_soon_after_each(dwell, size, expected)
     y = rng.standard_normal(4000) + size * np.cumsum(sign)[at]
     scene = Scene(y, DT, {})
     new = account(scene, [member(scene, WHITE_OF_A_RANGE[0], "random_steps")])
-    assert expected[0] <= causes._steps(new, scene) <= expected[1]
+    assert expected[0] <= inside._steps(new, scene) <= expected[1]
 
 
 def test_what_was_only_told_is_fitted_before_it_is_named(monkeypatch):
-    def told(*where, own=causes._told_by_screens):
+    def told(*where, own=inside._told_by_screens):
         much = dict(outliers=30.0, noise_bursts=28.0)
         for effect, about in zip(where[-1], own(*where)):
             yield much.get(effect.name, about)
-    monkeypatch.setattr(causes, "_told_by_screens", told)
-    monkeypatch.setattr(causes, "FEW", 29.0)    # so that bursts are told of alone
+    monkeypatch.setattr(inside, "_told_by_screens", told)
+    monkeypatch.setattr(inside, "FEW", 29.0)    # so that bursts are told of alone
     y = np.random.default_rng(1).standard_normal(600)
     d = sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE)
     assert d.verdict == "none"
@@ -238,7 +239,7 @@ def test_bursts_over_next_to_no_noise_would_stand_in_for_the_law_of_rounding(noi
                           for (_, symbol), p in zip(h.keys, h.parameters)])
         read = Reading(rounded._replace(values=dict(lsb=lsb)), 1.0,
                        np.zeros(500, bool), False)
-        return causes._rests_on_rounding(SimpleNamespace(
+        return inside.rests_on_rounding(SimpleNamespace(
             member=h, theta=theta, signatures=(), readings=[read]), scene)
     assert rest(lsb, h) == rests
     assert not rest(0.0, h)                            # what is not rounded

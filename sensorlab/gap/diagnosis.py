@@ -14,7 +14,7 @@ from sensorid import (
 from sensorlab.gap.account import (
     Account, account, around, as_simulated, bias_of, fixed, in_place, with_tails)
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.causes import Cause, estimated_together
+from sensorlab.gap.causes import Cause
 from sensorlab.gap.clipping import latent_law
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
 from sensorlab.gap.costs import check_memory, heard_by, say, share_heap
@@ -27,6 +27,7 @@ from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.kernels import dot
 from sensorlab.gap.readings import (
     SMOOTH, as_read, compared, latent_mean, missing, recorded)
+from sensorlab.gap.refits import estimated_together
 from sensorlab.gap.remainder import Remainder, parts, remainder
 from sensorlab.gap.search import Search, beside_steps, narrowed, search
 from sensorlab.gap.twins import Twins, less_shared

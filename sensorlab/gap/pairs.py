@@ -12,10 +12,11 @@ import numpy as np
 
 from sensorid import brief, mesh, middles, side_by_side
 from sensorlab.gap.account import account, gaussian
-from sensorlab.gap.causes import NO_OTHER, further_causes, with_signature
+from sensorlab.gap.causes import NO_OTHER, further_causes
 from sensorlab.gap.effects import Found
 from sensorlab.gap.filters import Signature, filter_of, log_likelihoods, part_of
 from sensorlab.gap.kernels import row_products
+from sensorlab.gap.rival import with_signature
 from sensorlab.gap.screens import HEAD, LAWS, LITTLE
 from sensorlab.gap.signatures import Family, columns_at, families
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorlab.gap.causes import without
 from sensorlab.gap.closure import standing_out
 from sensorlab.gap.flexible import stays_needed
+from sensorlab.gap.refits import without
 
 
 class Part(NamedTuple):

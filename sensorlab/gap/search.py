@@ -10,15 +10,17 @@ import numpy as np
 from sensorid import brief, probabilities
 from sensorlab.gap.account import Account, account, as_simulated, in_place
 from sensorlab.gap.causes import (
-    MANY_STEPS, PRIOR_LAST, Cause, further_causes, in_best_forms, largest_bayes, pushes,
-    search_cost, without)
+    PRIOR_LAST, Cause, further_causes, largest_bayes, search_cost)
 from sensorlab.gap.costs import heard_by, say
 from sensorlab.gap.distance import Gap
 from sensorlab.gap.effects import simulate_effects
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.flexible import stays_needed
+from sensorlab.gap.inside import MANY_STEPS
 from sensorlab.gap.pairs import best_pair
 from sensorlab.gap.readings import as_read, hide
+from sensorlab.gap.refits import in_best_forms, without
+from sensorlab.gap.wrong import pushes
 
 MAX_NOISES = 6          # effects beside readings that the filter must follow: columns
                         # cost little

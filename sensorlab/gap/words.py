@@ -5,7 +5,7 @@ import collections
 import numpy as np
 
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.causes import ALL, LISTED_FROM
+from sensorlab.gap.causes import LISTED_FROM
 from sensorlab.gap.closure import LAGS
 from sensorlab.gap.places import FAR_OUT, UNITS
 from sensorlab.gap.remainder import SLIGHT
@@ -13,6 +13,7 @@ from sensorlab.gap.sizes import (
     chance, number, odds, percent, sizes, unit_of, values_text)
 from sensorlab.gap.values import lattice_between
 from sensorlab.gap.verdict import SURE, names_in, present, split_families
+from sensorlab.gap.wrong import ALL
 from sensorlab.tables import Table, as_text
 
 
