@@ -8,8 +8,8 @@ from scipy.signal import butter, lfilter
 import sensorid
 import sensorlab
 from sensorlab import Scene
-from sensorlab.gap.catalogue import ZERO
 from sensorlab.gap.effects import Member
+from sensorlab.gap.processes import ZERO
 from sensorlab.readers import Recording
 
 REAL = pathlib.Path(__file__).parent.parent.parent / "shared" / "data" / "real"

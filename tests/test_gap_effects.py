@@ -12,8 +12,8 @@ import sensorid
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
 from sensorlab.gap import effects, filters
 from sensorlab.gap.account import fixed
-from sensorlab.gap.catalogue import flicker_processes
 from sensorlab.gap.effects import signature_of
+from sensorlab.gap.processes import flicker_processes
 
 
 def shaped(numerator, denominator, lag):

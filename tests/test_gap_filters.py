@@ -13,7 +13,8 @@ from scipy.stats import multivariate_normal, norm
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import filters, kernels, mixtures, scans, signatures, unrolled
-from sensorlab.gap.catalogue import MIN_PULSE, join
+from sensorlab.gap.catalogue import MIN_PULSE
+from sensorlab.gap.processes import join
 
 
 def test_severity_is_that_of_the_dense_covariance():

@@ -15,7 +15,7 @@ from figures import hostile
 from sensorlab import CATALOGUE, Effect, Scene
 from sensorlab.gap import directed, evidence, filters, onsets, scans, signatures
 from sensorlab.gap.account import account
-from sensorlab.gap.catalogue import lagged
+from sensorlab.gap.shapes import lagged
 
 
 @pytest.mark.parametrize("name", ["", "bias_instability", "noise_step", "walk_step",

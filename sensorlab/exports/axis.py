@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import ShapingFilter, model_allan_variance
-from sensorlab.gap.catalogue import beside, join
 from sensorlab.gap.effects import Jumps, Scene, Simulator, members
+from sensorlab.gap.processes import beside, join
 from sensorlab.units import SI, factor, kind_of
 
 

@@ -8,11 +8,11 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import binom
 
 from sensorid import Parameter, brief, free_columns, probabilities, side_by_side
-from sensorlab.gap.catalogue import beside, join
 from sensorlab.gap.effects import Effect, Found, Simulator, known_values, signature_of
 from sensorlab.gap.evidence import effort, integrate, log_sum, onset_law
 from sensorlab.gap.filters import estimated, log_likelihoods, part_of, predict, solve
 from sensorlab.gap.mixtures import smoothed
+from sensorlab.gap.processes import beside, join
 from sensorlab.gap.screens import (
     LAWS, STRENGTHS, change_of_drive, noise_with, usual_variance)
 from sensorlab.gap.spectra import posterior_law

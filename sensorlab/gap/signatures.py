@@ -11,10 +11,11 @@ import numpy as np
 from numba import njit
 
 from sensorid import INSIDE, brief, mesh
-from sensorlab.gap.catalogue import LASTS, columns_for
+from sensorlab.gap.catalogue import columns_for
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
 from sensorlab.gap.filters import HARMLESS, MEMORY, cut, summed
 from sensorlab.gap.kernels import KERNEL, row_products
+from sensorlab.gap.shapes import LASTS
 
 # ---- Bayes factor of a size
 

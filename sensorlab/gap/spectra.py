@@ -14,10 +14,10 @@ from scipy.special import logsumexp, ndtr, ndtri
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import at_quantiles, brief, free_columns, mesh, middles
-from sensorlab.gap.catalogue import MIN_TURN
 from sensorlab.gap.evidence import NOTHING, climb
 from sensorlab.gap.filters import leaked, predict, processes
 from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
+from sensorlab.gap.processes import MIN_TURN
 
 
 class Sought(NamedTuple):
