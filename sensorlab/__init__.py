@@ -28,7 +28,7 @@ _HOME = dict(
     simulator_from="gap.blackbox",
     CATALOGUE="gap.catalogue", Effect="gap.effects", Found="gap.effects",
     Scene="gap.effects", Simulator="gap.effects", simulate_effects="gap.effects",
-    diagnose="gap.diagnosis", augmented="gap.diagnosis",
+    diagnose="gap.diagnosis", augmented="gap.augmented",
     report="gap.report", table="gap.words", page="pages")
 __all__ = list(_HOME)
 

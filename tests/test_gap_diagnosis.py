@@ -16,7 +16,7 @@ import sensorid
 import sensorlab
 from sensorlab import Found, Scene
 from sensorlab.gap import (
-    account, causes, diagnosis, effects, pairs, tuning, words)
+    account, causes, effects, known, pairs, tuning, words)
 from sensorlab.gap.verdict import SLIGHT
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
@@ -42,7 +42,7 @@ def test_a_column_that_is_the_record_is_refused():
     for copy in y, 5.0 - y / 0.061, np.round(y, 6):
         with pytest.raises(ValueError, match="column raw is the record itself"):
             sensorlab.diagnose(y, 1.0, WHITE, dict(raw=copy))
-    diagnosis.check_columns(y, dict(raw=np.round(y, 2)))
+    known.check_columns(y, dict(raw=np.round(y, 2)))
     with pytest.raises(ValueError, match="the first inf at sample 7:"):
         sensorlab.diagnose(y, 1.0, WHITE, dict(T=np.where(np.arange(300) == 7, np.inf, y
                                                           )))
@@ -52,7 +52,7 @@ def test_means_that_a_simulator_expects():
     h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5, bias_sigma=2.0)
     n = 1000
     exact = np.sqrt(4.0 + 0.01 * (n + 1) * (2 * n + 1) / (6 * n) + 0.25 / n)
-    assert_allclose(diagnosis.expected_mean([h], DT, n), exact, rtol=1e-12)
+    assert_allclose(known.expected_mean([h], DT, n), exact, rtol=1e-12)
     # over a prior, and of noises that change: 256 means, a standard error of
     # 1 / sqrt(512)
     scene = Scene(np.zeros(n), DT, {})
@@ -60,7 +60,7 @@ def test_means_that_a_simulator_expects():
         some = [member(scene, one, name).fixed({
             (name, "onset"): 300.0 * DT, (name, "ratio"): 3.0}) for one in MODEL]
         means = sensorid.simulate(some, DT, n, 256, seed=1).error.mean(1)
-        assert_allclose(diagnosis.expected_mean(some, DT, n),
+        assert_allclose(known.expected_mean(some, DT, n),
                         np.sqrt(np.mean(means**2)), rtol=4.0 / np.sqrt(512.0))
 
 
@@ -638,10 +638,10 @@ def test_a_gap_belongs_to_the_hypothesis_that_it_is_measured_of(monkeypatch):
         best = (acc.best + 1) % len(acc.hypotheses)
         return acc._replace(best=best, theta=acc.samples[best].mean)
     y = np.random.default_rng(0).standard_normal(600)
-    known = sensorid.default_hypotheses(y, DT)
-    expected = sensorlab.diagnose(y, DT, known)
+    hypotheses = sensorid.default_hypotheses(y, DT)
+    expected = sensorlab.diagnose(y, DT, hypotheses)
     monkeypatch.setattr("sensorlab.gap.diagnosis.with_tails", turned)
-    d = sensorlab.diagnose(y, DT, known)
+    d = sensorlab.diagnose(y, DT, hypotheses)
     assert d.verdict == expected.verdict == "none"
     assert d.final.best == expected.final.best
 

@@ -13,7 +13,7 @@ from scipy.stats import binom, kstest, norm
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene, Simulator
 from sensorlab.gap import (
-    account, closure, diagnosis, distance, filters, places, probes, readings, scans,
+    account, closure, distance, filters, known, places, probes, readings, scans,
     signatures)
 from sensorlab.gap.effects import members
 
@@ -28,7 +28,7 @@ def test_p_values_of_records_without_an_effect_are_uniform(steps):
             y = lsb * np.round(y / lsb)
         r = generator.record(31, k)
         scene = Scene(y, DT, dict(temperature=r["temperature"][:1000]))
-        fit = diagnosis._with_readings(scene, members(Simulator(MODEL), scene), (),
+        fit = known.with_readings(scene, members(Simulator(MODEL), scene), (),
                                        readings.readings(scene))
         gap = distance.distance(scene, fit)
         assert (gap.theta == fit.theta).all() and bool(fit.readings) == bool(steps)

@@ -5,7 +5,7 @@ import pytest
 from conftest import DT, MODEL, large
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, lfilter, resample_poly
+from scipy.signal import butter, lfilter, resample_poly, savgol_filter
 
 import sensorid
 import sensorlab
@@ -69,6 +69,15 @@ def test_what_was_interpolated_to_a_higher_rate_is_found(kind, digits):
     assert np.median(np.abs(off)) < (1e-9 if digits > 3 else 2e-3)
 
 
+@pytest.mark.parametrize("every", [14, 16, 25])
+def test_what_is_too_far_apart_for_one_look_is_found_by_two(every):
+    """Samples that are given lie on curves, too: every second one of every eighth."""
+    raw = noise(N // every + 1)
+    spline = CubicSpline(every * np.arange(len(raw)), raw)(np.arange(N - 7))
+    between = interpolated(spline[3:])
+    assert (between.every, between.first, between.order) == (every, every - 3, 3)
+
+
 @pytest.mark.parametrize("every", [2, 3, 5])
 def test_smooth_curves_are_found(every):
     raw = noise(N // every + 1)
@@ -96,6 +105,12 @@ def others():
                 yield y
                 yield y + 1.234e-4 * t
                 yield (y * 1.2345).astype(np.float32)
+    for lsb in (0.3, 1.0, 2.0):    # an angle, less its drift; a polynomial through some
+        for samples in (150, 300, 1000):
+            for own in w[:6 * samples].reshape(6, samples):
+                counts = lsb * np.round(own / lsb)
+                yield np.cumsum(counts - counts.mean())
+                yield savgol_filter(counts, 11, 2)
 
 
 def test_nothing_is_between_others_by_chance():
@@ -128,6 +143,16 @@ def test_what_is_beside_it_is_named(kind, effect):
         sensorid.hypothesis("random_walk", sigma_w=(0.005, 0.5), sigma_v=(0.2, 1.0))])
     assert set(d.verdict.split("+")) - {"none"} == {"interpolated_samples", effect} - {
         "none"}
+
+
+@pytest.mark.parametrize("lsb", [0.5, large(0.15), large(1.0)])
+def test_counts_were_there_before_their_lines(lsb):
+    raw = lsb * np.round(noise(N // 4 + 1) / lsb)
+    y = np.interp(np.arange(N) / 4.0, np.arange(len(raw)), raw)
+    d = sensorlab.diagnose(y, DT, [
+        sensorid.hypothesis("random_walk", sigma_w=(0.005, 0.5), sigma_v=(0.2, 1.0))])
+    assert d.verdict == "interpolated_samples+quantization"
+    assert d.found[1].values["lsb"][0] == pytest.approx(lsb) and d.after.p_value > 0.01
 
 
 @pytest.mark.parametrize("phase, order", [(0.0, 1), (2.0, 1), (None, 1), (1.0, 3)])

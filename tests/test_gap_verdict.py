@@ -13,7 +13,8 @@ import sensorlab
 from sensorlab import Found
 from sensorlab.gap import causes, diagnosis, search
 from sensorlab.gap import verdict as verdict_module
-from sensorlab.gap.diagnosis import augmented, diagnose
+from sensorlab.gap.augmented import augmented
+from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.distance import TRIALS
 from sensorlab.gap.verdict import (
     common, split_families, unknown_probability, verdict_of)

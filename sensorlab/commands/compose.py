@@ -5,8 +5,9 @@ from sensorlab.commands.progress import progress_line
 from sensorlab.commands.shared import (
     check_outputs, read_each, refuse_unused, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
+from sensorlab.gap.augmented import augmented
 from sensorlab.gap.curves import view
-from sensorlab.gap.diagnosis import augmented, diagnose
+from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import Simulator
 from sensorlab.gap.report import report
 from sensorlab.gap.words import described

@@ -11,12 +11,14 @@ from sensorlab.commands.shared import (
     RECORDED, as_quoted, check_folder, check_outputs, covariates_of, read_each,
     refuse_unused, simulated_records, write_json, write_text)
 from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
+from sensorlab.gap.augmented import augmented
 from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.costs import forewarning
 from sensorlab.gap.curves import view
-from sensorlab.gap.diagnosis import augmented, check_scene, diagnose
+from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import Scene, Simulator, describe
+from sensorlab.gap.known import check_scene
 from sensorlab.gap.report import report
 from sensorlab.gap.words import told
 from sensorlab.modelfiles import check_onsets, read_model

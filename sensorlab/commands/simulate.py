@@ -8,8 +8,8 @@ from sensorid import write_whole
 from sensorlab.commands.shared import (
     RECORDED, check_memory, check_outputs, covariates_of, read, refuse_interval,
     refuse_unused)
-from sensorlab.gap.diagnosis import check_columns
 from sensorlab.gap.effects import Scene, simulate_effects
+from sensorlab.gap.known import check_columns
 from sensorlab.modelfiles import check_onsets, read_model
 
 

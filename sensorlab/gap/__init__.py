@@ -43,6 +43,6 @@ costs, effects, shapes, processes, values, repeats, interpolated, catalogue, ker
 lowpass, unrolled, steps, mixtures, filters, evidence, joint, screens, spectra,
 signatures, onsets, scans, tuning, codes, clipping, averages, readings, account,
 directed, rival, wrong, inside, refits, causes, pairs, probes, places, distance,
-closure, drift, twins, flexible, search, remainder, verdict, diagnosis, blackbox, sizes,
-words, report, curves.
+closure, drift, twins, flexible, search, remainder, verdict, known, diagnosis,
+augmented, blackbox, sizes, words, report, curves.
 """

@@ -559,10 +559,10 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
                     for symbol, p in one.values.items()})
     for number, (_, effects) in enumerate(simulator.pairs):
         # a converter has its codes before these are rounded to whole ones, and all is
-        # read before it is averaged
+        # read before it is averaged, or interpolated
         readings = sorted((one for one in effects if one.effect.reading),
-                          key=lambda one: ("window" in one.values,
-                                           "codes" not in one.values))
+                          key=lambda one: (not {"window", "order"}.isdisjoint(
+                              one.values), "codes" not in one.values))
         if not readings:
             continue
         own = drawn.hypothesis == number

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorlab.gap.values import (
-    FEWEST, TELLING, beside, lattice, lattice_between, more_than_chance, runs, within)
+    FEWEST, TELLING, beside, lattice, more_than_chance, runs, within)
 
 
 class Between(NamedTuple):
@@ -59,14 +59,28 @@ SHARPEST = 2.0      # variance of bends to that of steps: of what was interpolat
 
 def _evenly(y):
     """How far samples are apart that determine all between, the first of them, and the
-    order of what is between, 1 or 3; 0, 0 and 1 if there are none.
+    order of what is between, 1 or 3; 0, 0 and 1 if there are none. They may have been
+    interpolated, too.
+    """
+    start, length = runs(~np.isnan(y))
+    at = start[length.argmax()]
+    every, first, order = _apart(y[at:at + length.max()])
+    if every:
+        times, later, more = _apart(y[at + first:at + length.max():every])
+        if times:
+            every, first, order = every * times, first + every * later, max(order, more)
+        first = (at + first) % every
+    return every, first, order
+
+
+def _apart(y):
+    """The same of a record (N,) without a gap, as far as they may be apart.
 
     One in the middle is foretold from the nearest of them, by a line or least squares.
     Of a record that is merely smooth, all samples as far apart foretell the others.
     """
-    start, length = runs(~np.isnan(y))
-    at = start[length.argmax()]
-    y = y[at:at + length.max()]
+    if len(y) < FEWEST:
+        return 0, 0, 1
     scale = np.var(np.diff(y[:TELLING]))
     if np.var(np.diff(y[:TELLING], 2)) > SHARPEST * scale:
         return 0, 0, 1
@@ -79,7 +93,7 @@ def _evenly(y):
             off = [_off(y[first:], every, order) / scale for first in range(every)]
             best, second = np.sort(off)[:2]
             if best < DETERMINED and second > max(ELSE * best, NOTHING):
-                return every, (at + int(np.argmin(off))) % every, order
+                return every, int(np.argmin(off)), order
     return 0, 0, 1
 
 
@@ -113,7 +127,7 @@ def _on_lines(y):
     typical = moves.mean() if len(moves) else 0.0
     bend[1:-1] = np.where(step[1:] * step[:-1] != 0.0, np.abs(np.diff(step)), np.nan)
     for reach, found in ((ON_A_LINE * typical, _exactly),
-                         (ROUNDED * (lattice(y) or lattice_between(y)), _rounded)):
+                         (ROUNDED * lattice(y), _rounded)):
         if not reach or np.sum(bend <= reach) < FEWEST:
             continue
         start, length = found(bend, reach)
@@ -135,13 +149,11 @@ def _is_new(slope, typical):
 
 def _exactly(bend, reach):
     """Runs (first sample, length) of samples on lines, if there are far more than by
-    chance, which are as many as have bends that are little wider; on a lattice, half as
-    many as have one size.
+    chance, which are as many as have bends that are little wider, or have one size.
     """
     start, length = runs(bend <= reach)
     wider = np.round(bend[bend > reach] / reach)
-    by_chance = max(np.sum(wider <= DENSITY) / DENSITY,
-                    0.5 * np.unique(wider, return_counts=True)[1].max(initial=0))
+    by_chance = max(np.sum(wider <= DENSITY) / DENSITY, _of_one_size(bend, reach))
     own = np.full(len(start), by_chance < SELDOM * length.sum())
     return start[own], length[own]
 
@@ -153,10 +165,19 @@ def _rounded(bend, reach):
     start, length = runs(bend <= reach)
     about = np.minimum(*beside(bend, start, length, np.inf))
     by_chance = np.where(np.isfinite(about), 2.0 * AHEAD / np.pi * reach / about, 1.0)
+    by_chance = np.maximum(by_chance, _of_one_size(bend, reach) / len(bend))
     own = by_chance < SELDOM
     if own.any() and np.median(by_chance[own]) * len(bend) > SELDOM * length[own].sum():
         own &= length >= more_than_chance(by_chance, len(bend))
     return start[own], length[own]
+
+
+def _of_one_size(bend, reach):
+    """How many bends are none by chance where they lie on a lattice: half as many as
+    have the size that most have.
+    """
+    size = np.round(bend[bend > reach] / reach)
+    return 0.5 * np.unique(size, return_counts=True)[1].max(initial=0)
 
 
 def on_samples(y):
