@@ -348,3 +348,21 @@ def test_a_factor_on_counts_coarser_than_the_noise_and_on_the_noise_is_named():
     simulator = sensorlab.simulator_from(theirs, DT)
     d = sensorlab.diagnose(9.80665 * counts(3), DT, simulator, simulated=theirs)
     assert d.verdict == "wrong_parameter+wrong_parameter"
+
+
+@pytest.mark.parametrize("kind", ["repeated_samples", "interpolated_samples"])
+def test_what_says_nothing_new_widens_no_range(kind):
+    """Of several records, too, samples that repeat or lie between others are left out.
+    """
+    h = sensorid.hypothesis("random_walk", sigma_w=0.05, sigma_v=0.5, bias_sigma=1.0)
+    raw = sensorid.simulate([h], DT, 1001, trials=4, seed=2).error
+    i = np.arange(2000) / 2.0
+    *records, last = [np.interp(i, np.arange(1001), one) for one in raw] if (
+        kind == "interpolated_samples") else raw[:, np.floor(i).astype(int)]
+    simulator = sensorlab.simulator_from(np.array(records), DT)
+    assert [one.name for one in simulator.effects[0]] == [kind]
+    for p in simulator.hypotheses[0].parameters:
+        if p.symbol == "sigma_v":
+            assert p.low < 0.5 < p.high < 2.0 * p.low
+    d = sensorlab.diagnose(last, DT, simulator, simulated=np.array(records))
+    assert d.verdict == "none"

@@ -13,7 +13,7 @@ from sensorlab.gap.account import account, fixed, solved_by
 from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import Simulator
 from sensorlab.gap.joint import joint_of
-from sensorlab.gap.readings import as_read, recorded
+from sensorlab.gap.readings import as_read, readings, recorded
 
 MOST_RECORDS = 20    # that are described
 
@@ -45,9 +45,9 @@ def simulator_from(records, dt, columns=None):
     acc = first.final
     seen = as_read(first.scene, acc.readings)
     samples, amplitudes = [acc.sample], [_amplitudes(seen, acc)]
-    averages = [r for r in acc.readings if r.is_average]
     for y in records[1:]:
-        scene = as_read(recorded(y, dt, columns or {}), averages)
+        scene = recorded(y, dt, columns or {})
+        scene = as_read(scene, readings(scene))
         own = account(scene, acc.bases[acc.best:acc.best + 1], [acc.member],
                       acc.signatures)
         samples.append(own.sample)

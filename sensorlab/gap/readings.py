@@ -84,7 +84,7 @@ def readings(scene):
     for name, rest, more in (("repeated_samples", repeats, {}), (
             "interpolated_samples", between, dict(order=between.order))):
         if rest.own.any():
-            phase = None if rest.phase is None else 2.0 * np.pi * rest.phase
+            phase = None if rest.phase is None else float(2.0 * np.pi * rest.phase)
             seen.append(_shown_by(rest.own, name, frequency=rest.rate / scene.dt,
                                   phase=phase, **more))
     y = np.where(repeats.own | between.own, np.nan, y)
