@@ -47,7 +47,9 @@ def simulator_from(records, dt, columns=None):
     samples, amplitudes = [acc.sample], [_amplitudes(seen, acc)]
     for y in records[1:]:
         scene = recorded(y, dt, columns or {})
-        scene = as_read(scene, readings(scene))
+        # what clipped samples may have been is drawn: it would widen the ranges
+        scene = as_read(scene, [r for r in readings(scene)
+                                if "limits" not in r.found.values])
         own = account(scene, acc.bases[acc.best:acc.best + 1], [acc.member],
                       acc.signatures)
         samples.append(own.sample)
