@@ -366,3 +366,24 @@ def test_what_says_nothing_new_widens_no_range(kind):
             assert p.low < 0.5 < p.high < 2.0 * p.low
     d = sensorlab.diagnose(last, DT, simulator, simulated=np.array(records))
     assert d.verdict == "none"
+
+
+def stuck_at_random(y, seed):
+    y = y.copy()
+    for begin in np.random.default_rng(seed).integers(0, len(y) - 40, 12):
+        y[begin:begin + 30] = y[begin]
+    return y
+
+
+@pytest.mark.parametrize("size", [0.0, 1.5])
+def test_samples_of_its_own_are_stuck_in_every_record(size):
+    """Were those of the one left out of the other, what sticks there would hide all."""
+    h = sensorid.hypothesis("random_walk", sigma_w=0.02, sigma_v=1.0, bias_sigma=1.0)
+    theirs, y = sensorid.simulate([h], 0.01, 3000, trials=2, seed=10).error
+    level = np.cumsum(np.random.default_rng(3).random(3000) < 1.0 / 150.0) % 2
+    records = stuck_at_random(theirs, 1)[None]
+    d = sensorlab.diagnose(
+        stuck_at_random(y + size * level, 2), 0.01,
+        sensorlab.simulator_from(records, 0.01), simulated=records)
+    assert d.verdict == ("random_telegraph" if size else "none")
+    assert (d.before.p_value < 1e-3) == bool(size)

@@ -12,7 +12,7 @@ from sensorlab.gap.account import Account, account, with_sizes
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.causes import further_causes, search_cost
 from sensorlab.gap.distance import distance, enough_trials, p_values
-from sensorlab.gap.readings import as_read
+from sensorlab.gap.readings import as_read, readings
 
 MEASURED = 4       # records of a simulator, or parts of them as long as the real one
 TRIALS_TWIN = 60   # simulated records beside each
@@ -23,6 +23,18 @@ class Have(NamedTuple):
 
     probability: float
     account: Account = None    # of the first with it; None where it is described
+
+
+def _own_readings(scene, some):
+    """Readings like some of another record, with the samples of a scene that show each:
+    which of them repeat, say, are others in every record.
+    """
+    if not any(r.masked.any() for r in some):
+        return some
+    own = {r.found.name: r for r in readings(scene._replace(y=scene.y + scene.known))}
+    return tuple(r._replace(found=own[r.found.name].found,
+                            masked=own[r.found.name].masked)
+                 if r.masked.any() and r.found.name in own else r for r in some)
 
 
 class Twins:
@@ -46,9 +58,10 @@ class Twins:
         # that their own record tells the parameters, too, would count it twice
         bases, hypotheses = ([h._replace(joint=None) for h in some]
                              for some in (like.bases, like.hypotheses))
-        self.accounts = [account(as_read(scene, like.readings), bases, hypotheses,
-                                 like.signatures, like.readings)
-                         for scene in self.scenes]
+        own = [_own_readings(scene, like.readings) for scene in self.scenes]
+        self.accounts = [account(as_read(scene, read), bases, hypotheses,
+                                 like.signatures, read)
+                         for scene, read in zip(self.scenes, own)]
         self.distances = np.array([distance(scene, acc, min(
             TRIALS_TWIN, enough_trials(scene)), self.seed).distance
             for scene, acc in zip(self.scenes, self.accounts)])
