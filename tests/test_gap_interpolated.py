@@ -69,6 +69,14 @@ def test_what_was_interpolated_to_a_higher_rate_is_found(kind, digits):
     assert np.median(np.abs(off)) < (1e-9 if digits > 3 else 2e-3)
 
 
+@pytest.mark.parametrize("every", [2, 5, 10])
+def test_lines_are_found_in_a_file_of_few_digits(every):
+    """Of which the last is a tenth of the noise."""
+    y = np.interp(np.arange(N) / every, np.arange(N), noise(N))
+    between = interpolated(0.05 * np.round(y / 0.05))
+    assert (between.every, between.first, between.order) == (every, 0, 1)
+
+
 @pytest.mark.parametrize("every", [14, 16, 25])
 def test_what_is_too_far_apart_for_one_look_is_found_by_two(every):
     """Samples that are given lie on curves, too: every second one of every eighth."""

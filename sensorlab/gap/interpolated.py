@@ -12,7 +12,7 @@ from sensorlab.gap.values import (
 
 
 class Between(NamedTuple):
-    """Samples of a record that others were interpolated from."""
+    """Samples of a record that were interpolated from others."""
 
     own: np.ndarray    # (N,) those that were interpolated
     every: int = 0     # from one of the others to the next, if they are evenly apart
@@ -51,7 +51,7 @@ SIDES = {1: 1, 3: 12}    # of these, to either side, that what is between hangs 
 ROWS = 400          # of samples that are foretold, at most; and ...
 FEWEST_ROWS = 4     # ... times as many as those that foretell one
 DETERMINED = 1e-3   # of the variance of steps: what is foretold is off by less, ...
-ELSE = 100.0        # ... and by so many times less than from any others as far apart
+ELSE = 10.0         # ... and by so many times less than from any others as far apart
 NOTHING = 1e-12     # what rounding leaves
 SHARPEST = 2.0      # variance of bends to that of steps: of what was interpolated, as
                     # half of the sampling rate of what was given is a quarter at most
@@ -92,7 +92,8 @@ def _apart(y):
                 continue
             off = [_off(y[first:], every, order) / scale for first in range(every)]
             best, second = np.sort(off)[:2]
-            if best < DETERMINED and second > max(ELSE * best, NOTHING):
+            if second > max(ELSE * best, NOTHING) and (
+                    best < DETERMINED + lattice(y)**2 / 6.0 / scale):    # and rounded
                 return every, int(np.argmin(off)), order
     return 0, 0, 1
 
