@@ -5,7 +5,7 @@ of one over its window, and is undone but for a pattern that repeats with it.
 import numpy as np
 from scipy.signal import get_window
 
-from sensorlab.gap.values import CERTAIN, runs
+from sensorlab.gap.values import CERTAIN, longest, runs
 
 FEWEST_TAPS = 3      # of two a low-pass of first order at its fastest does the same
 FEWEST_TURNS = 40    # windows in a record, by which their pattern is known
@@ -24,9 +24,9 @@ def averaged_over(y):
     response, sin^2(pi n f) / sin^2(pi f) / n^2, of what is flat there; else it is flat
     as it is. Whittle's likelihood of each, of the level that is likeliest, tells.
     """
-    first, length = runs(~np.isnan(y))
-    N = min(length.max(), TELLING)
-    y = y[first[length.argmax()]:][:N]
+    first, N = longest(~np.isnan(y))
+    N = min(N, TELLING)
+    y = y[first:][:N]
     if N < FEWEST_TAPS * FEWEST_TURNS or np.mean(np.diff(y) == 0.0) > MOST_HELD:
         return 0, 0.0
     power = np.abs(np.fft.rfft((y - y.mean()) * get_window("hann", N)))**2

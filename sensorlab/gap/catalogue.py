@@ -411,7 +411,7 @@ CATALOGUE = {effect.name: effect for effect in (
                     "if it samples at random",
            resembles="stuck samples, quantization",
            experiment="compare the counters of sensor and logger, poll faster"),
-    Effect("interpolated_samples", reading=interpolate,
+    Effect("interpolated_samples", reading=interpolate, comes_last=True,
            equation="y is on a straight line, of order 1, or a smooth curve, of order "
                     "3, through what the sensor gave; it samples at frequency, in Hz, "
                     "below that of the record; phase, in rad, at the first; none if it "
@@ -419,7 +419,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="bandwidth",
            experiment="look for resampling, or for gaps that were filled, in what "
                       "wrote the file; take the samples as they came"),
-    Effect("moving_average", reading=_average,
+    Effect("moving_average", reading=_average, comes_last=True,
            equation="the mean of y over a window that ends with the sample; window in "
                     "s, whole sampling intervals",
            resembles="bandwidth",

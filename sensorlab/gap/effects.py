@@ -110,7 +110,7 @@ class Effect(NamedTuple):
                                 # where a noise changes
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
     comes_last: bool = False    # the model alters what all others make, as that of a
-                                # reading does
+                                # reading does; a reading, what others have read
     on_average: Callable = None    # the model with white noise of the mean variance,
                                 # where it makes some that changes
     drive: Callable = None      # as the model, but for the filter -> how many times as
@@ -561,8 +561,8 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
         # a converter has its codes before these are rounded to whole ones, and all is
         # read before it is averaged, or interpolated
         readings = sorted((one for one in effects if one.effect.reading),
-                          key=lambda one: (not {"window", "order"}.isdisjoint(
-                              one.values), "codes" not in one.values))
+                          key=lambda one: (one.effect.comes_last,
+                                           "codes" not in one.values))
         if not readings:
             continue
         own = drawn.hypothesis == number

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorlab.gap.values import (
-    FEWEST, TELLING, beside, lattice, more_than_chance, runs, within)
+    FEWEST, TELLING, beside, lattice, longest, more_than_chance, not_foretold, runs,
+    within)
 
 
 class Between(NamedTuple):
@@ -62,11 +63,10 @@ def _evenly(y):
     order of what is between, 1 or 3; 0, 0 and 1 if there are none. They may have been
     interpolated, too.
     """
-    start, length = runs(~np.isnan(y))
-    at = start[length.argmax()]
-    every, first, order = _apart(y[at:at + length.max()])
+    at, samples = longest(~np.isnan(y))
+    every, first, order = _apart(y[at:at + samples])
     if every:
-        times, later, more = _apart(y[at + first:at + length.max():every])
+        times, later, more = _apart(y[at + first:at + samples:every])
         if times:
             every, first, order = every * times, first + every * later, max(order, more)
         first = (at + first) % every
@@ -105,11 +105,8 @@ def _off(y, every, order):
     true = y[(sides - 1) * every + middle::every][:len(near)]
     near = near[:len(true)]
     if order == 1:
-        off = true - near @ np.array([every - middle, middle]) / every
-    else:
-        near = np.column_stack([np.ones(len(true)), near])
-        off = true - near @ np.linalg.lstsq(near, true)[0]
-    return np.var(off)
+        return np.var(true - near @ np.array([every - middle, middle]) / every)
+    return np.var(not_foretold(true, near))
 
 
 ON_A_LINE = 1e-4    # of a step: times of 1.7e9 s, of samples 10 ms apart, are as exact
@@ -153,8 +150,8 @@ def _exactly(bend, reach):
     chance, which are as many as have bends that are little wider, or have one size.
     """
     start, length = runs(bend <= reach)
-    wider = np.round(bend[bend > reach] / reach)
-    by_chance = max(np.sum(wider <= DENSITY) / DENSITY, _of_one_size(bend, reach))
+    wider = np.sum((bend > reach) & (bend <= (DENSITY + 0.5) * reach))
+    by_chance = max(wider / DENSITY, _of_one_size(bend, reach))
     own = np.full(len(start), by_chance < SELDOM * length.sum())
     return start[own], length[own]
 

@@ -76,15 +76,15 @@ def _polled(y):
     gain = (_log_likelihood(same[arc]) + _log_likelihood(same[~arc])
             - _log_likelihood(same))
     lsb, noise = lattice_and_noise(y[~again])
-    left = unpredicted(y[~np.isnan(y)][:TELLING])
     if (gain < CERTAIN + 2.0 * np.log(N)
             or same[arc].mean() < (ALWAYS if lsb > noise else REGULAR)):
         return None
-    # what moves steadily through coarse counts is regular, too; nothing new is repeated
-    if lsb and (left is None or lsb > NOISY * less_rounding(
-            np.std(left) / np.sqrt(rate), lsb)):
-        return None
-    if not lsb:    # none repeats by chance: what a clock that is not even repeats
+    if lsb:    # what moves steadily through coarse counts is regular, too
+        left = unpredicted(y[~np.isnan(y)][:TELLING])
+        if left is None or lsb > NOISY * less_rounding(
+                np.std(left) / np.sqrt(rate), lsb):    # nothing new is repeated
+            return None
+    else:    # none repeats by chance: what a clock that is not even repeats
         for begin, n in zip(*runs(same)):
             again[begin:begin + n] |= n <= np.ceil(1.0 / rate)
     return Repeats(again, float(rate), float((0.5 * (1.0 + rate) - middle) % 1.0))

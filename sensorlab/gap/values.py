@@ -20,6 +20,12 @@ def runs(true):
     return ends[::2], ends[1::2] - ends[::2]
 
 
+def longest(true):
+    """First sample and length of the longest run of what is true."""
+    start, length = runs(true)
+    return start[length.argmax()], length.max()
+
+
 def within(start, length, samples):
     """Which of so many samples (N,) lie in runs of that first sample and length."""
     mask = np.zeros(samples, bool)
@@ -222,5 +228,12 @@ def unpredicted(y):
     rows = np.lib.stride_tricks.sliding_window_view(y, min(PREDICTED_BY + 1, len(y)))
     if len(rows) < 4 * PREDICTED_BY:
         return None
-    before = np.column_stack([np.ones(len(rows)), rows[:, :-1]])
-    return rows[:, -1] - before @ np.linalg.lstsq(before, rows[:, -1])[0]
+    return not_foretold(rows[:, -1], rows[:, :-1])
+
+
+def not_foretold(true, near):
+    """What a sum of values near each sample (n, k), and a constant, leave of samples
+    (n,), by least squares.
+    """
+    near = np.column_stack([np.ones(len(true)), near])
+    return true - near @ np.linalg.lstsq(near, true)[0]
