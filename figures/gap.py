@@ -23,7 +23,7 @@ from sensorlab.drawings.style import AFTER, BEFORE, INK, PALE, legend_above
 from sensorlab.gap import signatures
 from sensorlab.gap.account import account
 from sensorlab.gap.directed import directed
-from sensorlab.gap.effects import Simulator, members
+from sensorlab.gap.members import Simulator, members
 from figures import save, withheld
 from tests import generator
 

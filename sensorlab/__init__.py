@@ -27,7 +27,7 @@ _HOME = dict(
     Model="modelfiles", read_model="modelfiles", model_text="modelfiles",
     simulator_from="gap.blackbox",
     CATALOGUE="gap.catalogue", Effect="gap.effects", Found="gap.effects",
-    Scene="gap.effects", Simulator="gap.effects", simulate_effects="gap.effects",
+    Scene="gap.effects", Simulator="gap.members", simulate_effects="gap.draws",
     diagnose="gap.diagnosis", augmented="gap.augmented",
     report="gap.report", table="gap.words", page="pages")
 __all__ = list(_HOME)

@@ -10,8 +10,9 @@ from sensorid import Parameter, as_parameter, hypothesis
 from sensorlab.foreign import translated
 from sensorlab.foreign.parts import FOREIGN
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.effects import Found, Simulator
+from sensorlab.gap.effects import Found
 from sensorlab.gap.lowpass import LowPass
+from sensorlab.gap.members import Simulator
 from sensorlab.modelschema import parsed, problem
 
 

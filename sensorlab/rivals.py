@@ -18,7 +18,7 @@ from sensorid import (
     JIT, Parameter, allan_deviation, at_quantiles, bank, check_whole, filter_bank,
     free_columns, log_likelihood, markov, model_allan_variance, modes, random_walk,
     simulate, white_noise)
-from sensorlab.gap.kernels import spectrum
+from sensorlab.gap.kernels.arithmetic import spectrum
 
 
 def allan_line(tau, adev, slope):

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 
 import sensorid as s
 from sensorlab import Scene
-from sensorlab.gap import evidence, filters
-from sensorlab.gap.kernels import (
+from sensorlab.gap import backward, changes, filters, parts
+from sensorlab.gap.kernels.lanes import (
     KERNEL, LANES, groups, in_threads, load, observe_covariance, observe_state, turn,
     turn_covariance, update_covariance, update_state)
 
@@ -60,7 +60,7 @@ def bank_of_steps(first, last, y, h, own, pair, r, sums):
 
 
 def of_steps(b):
-    one = filters.parts_of(None, b)
+    one = parts.parts_of(None, b)
     sums = np.empty((2, len(b.r)))
     in_threads(bank_of_steps, groups(len(b.r), LANES), SCENE.y, one.h, one.own,
                one.pair, one.r[:, 0].copy(), sums)
@@ -103,11 +103,11 @@ def test_filters_with_jumps(benchmark, effects):
 def test_the_backward_pass(benchmark):
     h = member(SCENE, MODEL[0])
     theta = nodes(h)
-    timed(benchmark, "backward pass", lambda: filters.solve(h, SCENE, (), theta))
+    timed(benchmark, "backward pass", lambda: backward.solve(h, SCENE, (), theta))
 
 
 def test_the_law_of_onsets(benchmark):
     h = member(SCENE, MODEL[0], "noise_step")
     theta = nodes(h)
-    move = evidence.onset_law(h, SCENE, ())
+    move = changes.onset_law(h, SCENE, ())
     timed(benchmark, "law of onsets", lambda: move(theta))

@@ -8,7 +8,7 @@ from scipy.signal import butter, lfilter
 import sensorid
 import sensorlab
 from sensorlab import Scene
-from sensorlab.gap.effects import Member
+from sensorlab.gap.members import Member
 from sensorlab.gap.processes import ZERO
 from sensorlab.readers import Recording
 

@@ -13,7 +13,8 @@ import sensorid
 import sensorlab
 from sensorlab.exports.axis import axis
 from sensorlab.foreign import translated
-from sensorlab.gap.effects import Scene, simulate_effects
+from sensorlab.gap.draws import simulate_effects
+from sensorlab.gap.effects import Scene
 
 DEG, G = np.pi / 180.0, 9.80665
 TRIALS, SAMPLES = 4000, 128

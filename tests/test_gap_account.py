@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import sensorid
-from sensorlab.gap import account, evidence
+from sensorlab.gap import account, evidence, guesses
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.effects import Found, Member, Scene
+from sensorlab.gap.effects import Found, Scene
+from sensorlab.gap.members import Member
 
 
 def test_where_a_posterior_is_bent_a_node_stands_for_it():
@@ -32,7 +33,7 @@ def test_where_most_samples_are_in_bursts_their_spectrum_tells_of_a_process(odd)
         sigma=sensorid.Parameter("sigma", 2.9, 3.1))),))
     past = account.account(scene, (bursts,))
     richer = bursts.with_effect(CATALOGUE["correlated_noise"])
-    told = account.guesses_from(past, 0, richer, scene, ())
+    told = guesses.guesses_from(past, 0, richer, scene, ())
     assert len(told) == 2 and all(np.isfinite(mean).all() for mean, _ in told)
 
 

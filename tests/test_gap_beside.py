@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
-from sensorlab.gap import account
+from sensorlab.gap import account, effects, standins
 
 SIZES = dict(
     bandwidth=dict(tau=2.0), noise_step=dict(onset=1500.0, ratio=1.8),
@@ -24,7 +24,7 @@ SAMPLES = dict(bias_instability=6000)    # 3000 may resemble one process
 
 def effect(name):
     values, one = SIZES[name], CATALOGUE[name]
-    return Found(one, values=values if one.columns else account.fixed(**values))
+    return Found(one, values=values if one.columns else effects.fixed(**values))
 
 
 @pytest.mark.large
@@ -60,7 +60,7 @@ def test_what_is_strong_does_not_keep_another_from_being_sought(names):
                   random_steps=dict(dwell=200.0, sigma=2.0),
                   sinusoid=dict(frequency=0.077, amplitude=0.25, phase=0.3))
     effects = [Found(CATALOGUE[name], values=values[name] if CATALOGUE[name].columns
-                     else account.fixed(**values[name])) for name in names]
+                     else effects.fixed(**values[name])) for name in names]
     truth = sensorid.hypothesis("random_walk", sigma_w=0.02, sigma_v=0.5)
     ranges = sensorid.hypothesis("random_walk", sigma_w=(0.01, 0.05),
                                  sigma_v=(0.25, 1.0), bias_sigma=5.0)
@@ -75,13 +75,13 @@ def test_outliers_that_come_together_are_not_masked():
     alone, together = rng.choice(1500, 30, replace=False), np.arange(2000, 2010)
     scene, y = Scene(np.zeros(4000), DT, {}), np.zeros(4000)
     y[alone], y[together] = np.nan, np.nan
-    told = account._with_clusters(scene, scene._replace(y=y), 0.01)
+    told = standins._with_clusters(scene, scene._replace(y=y), 0.01)
     assert_array_equal(np.flatnonzero(np.isnan(told.y)), np.sort(alone))
 
 
 def for_processes(scene, h):
     acc = account.account(scene, [h])
-    return account.for_processes(scene, acc, account.gaussian(scene, acc))
+    return standins.for_processes(scene, acc, standins.gaussian(scene, acc))
 
 
 def test_a_level_that_is_known_is_taken_away():

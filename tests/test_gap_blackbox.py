@@ -13,8 +13,8 @@ import sensorlab
 from sensorlab import Scene
 from sensorlab.gap import blackbox, words
 from sensorlab.gap.distance import distance
-from sensorlab.gap.effects import members
 from sensorlab.gap.joint import NEAR, SHARE, surface_of
+from sensorlab.gap.members import members
 from sensorlab.gap.twins import less_shared
 from sensorlab.gap.wrong import Beyond
 

@@ -15,10 +15,11 @@ import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import (
-    causes, directed, effects, evidence, filters, inside, rival, scans, screens,
-    signatures)
-from sensorlab.gap.account import account, fixed
-from sensorlab.gap.effects import Member
+    backward, causes, directed, effects, evidence, filters, inside, linear, rival,
+    scans, screens, signatures)
+from sensorlab.gap.account import account
+from sensorlab.gap.effects import fixed
+from sensorlab.gap.members import Member
 from sensorlab.gap.readings import Reading
 
 
@@ -32,7 +33,7 @@ def test_nodes_of_two_posteriors_give_the_evidence(level):    # moves the poster
     table = signatures.bayes_table()
 
     def log_likelihood(theta):
-        solved = filters.solve(h, scene, (), theta)
+        solved = backward.solve(h, scene, (), theta)
         found = [scans.scores(scene, family, solved) for family in listed]
         return np.column_stack([solved.base, *(
             solved.base + signatures.mean_bayes(one.gain, table[one.k])
@@ -258,7 +259,7 @@ def test_an_onset_that_was_sought_without_the_outliers_is_moved_to_where_they_se
     reference = account(plain, [member(plain, h)])
     values = dict(onset=float(at + late), size=4.0)
     found = Found(effect, values=values)
-    one = filters.Signature(found, effects.columns_of(scene, found, values), 9.0)
+    one = linear.Signature(found, effects.columns_of(scene, found, values), 9.0)
     near = directed.onsets_nearby(scene, one, 4)
     assert [s.found.values["onset"] for s in near] == [at + late + k
                                                        for k in range(-4, 5)]
@@ -299,7 +300,7 @@ def test_a_size_is_known_as_well_as_what_else_its_signature_depends_on():
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=50.0))
     found = Found(effect, "temperature", "lagged value", dict(
         tau=30.0, coefficient=0.6))
-    one = filters.Signature(found, effects.columns_of(scene, found, found.values), 9.0)
+    one = linear.Signature(found, effects.columns_of(scene, found, found.values), 9.0)
     told = directed.estimated_beside(scene, h, [], one, np.array([[1.0]]))
     assert told["coefficient"] == (pytest.approx(mean, abs=0.3 * sd),
                                    pytest.approx(sd, rel=0.25))

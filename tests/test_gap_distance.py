@@ -13,9 +13,9 @@ from scipy.stats import binom, kstest, norm
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene, Simulator
 from sensorlab.gap import (
-    account, closure, distance, filters, known, places, probes, readings, scans,
-    signatures)
-from sensorlab.gap.effects import members
+    account, backward, closure, distance, known, linear, places, probes, readings,
+    scans, signatures)
+from sensorlab.gap.members import members
 
 
 @pytest.mark.large
@@ -44,8 +44,8 @@ def test_statistics_of_white_residuals_are_standard_normal(N):
     z[:, rng.random(N) < 0.1] = np.nan
     scene = Scene(z[0], DT, {})
     h = members(Simulator(MODEL), scene)[0]
-    own = filters.filter_of(h, scene, (), np.array([p.mean for p in h.parameters]),
-                            np.isnan(z[0]))
+    own = linear.filter_of(h, scene, (), np.array([p.mean for p in h.parameters]),
+                           np.isnan(z[0]))
     found = places.statistics(z, z, scene, probes.probes(scene, own, 0))
     listed = np.isin(found.place, ("time", "frequency"))
     assert listed.sum() > 60 + 32
@@ -63,7 +63,7 @@ def test_a_record_alone_is_whitened_as_one_of_many():
     theta = np.array([p.mean for p in h.parameters])
     y, gap = rng.normal(size=(3, 300)), np.arange(300) % 17 == 3
     y[:, gap] = np.nan
-    own = filters.filter_of(h, scene, (), theta, gap)
+    own = linear.filter_of(h, scene, (), theta, gap)
     u = rng.normal(size=(3, 260))
     for k in range(3):
         assert_allclose(own.whitened(y[k:k + 1])[0], own.whitened(y)[k], rtol=1e-11)
@@ -77,10 +77,10 @@ def test_residuals_that_go_back_through_the_filter_are_held_against_whitened_pro
     y[150:160] = np.nan
     scene = Scene(y, DT, dict(temperature=np.sin(0.02 * np.arange(300.0))))
     h, gap = members(Simulator(MODEL), scene)[0], np.isnan(y)
-    wave = filters.Signature(Found(CATALOGUE["sinusoid"]), np.column_stack(
+    wave = linear.Signature(Found(CATALOGUE["sinusoid"]), np.column_stack(
         [np.cos(0.3 * scene.time), np.sin(0.3 * scene.time)]), 2.0)
     theta = np.array([p.mean for p in h.parameters])
-    own = filters.filter_of(h, scene, (wave,), theta, gap)
+    own = linear.filter_of(h, scene, (wave,), theta, gap)
     late = scene.cut(slice(first, None))
     held = probes.probes(late, own, first)
     assert len(held.listed) == 32 + 5 + 2 + 1
@@ -264,7 +264,7 @@ def test_the_number_of_threads_changes_no_bit():
     y = sensorid.simulate(MODEL[1:], DT, 700, seed=5).error[0]
     scene, told = Scene(y, DT, {}), []
     fit = account.account(scene, members(Simulator(MODEL), scene))
-    solved = filters.solve(fit.member, scene, (), fit.sample.nodes(5))
+    solved = backward.solve(fit.member, scene, (), fit.sample.nodes(5))
     listed = signatures.families(scene, [CATALOGUE[name] for name in (
         "bias_step", "pulse", "sinusoid", "turn_on_transient")])
     before = numba.get_num_threads()

@@ -10,9 +10,8 @@ from scipy.stats import multivariate_normal
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
-from sensorlab.gap import effects, filters
-from sensorlab.gap.account import fixed
-from sensorlab.gap.effects import signature_of
+from sensorlab.gap import backward, filters, members
+from sensorlab.gap.effects import fixed, signature_of
 from sensorlab.gap.processes import flicker_processes
 
 
@@ -109,7 +108,7 @@ def test_what_is_found_after_a_low_pass_passes_it_unless_it_is_of_white_noise():
     behind = found.behind_low_passes(white).with_effect(walk)
     assert behind.effects[0].variant == "digital white noise"
     assert abs(told(behind) - told(first)) > 1.0
-    (given,) = effects.members(own, scene)    # that of the simulator stays as it is
+    (given,) = members.members(own, scene)    # that of the simulator stays as it is
     assert given.behind_low_passes(given).effects == given.effects
 
 
@@ -165,7 +164,7 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
             filters.log_likelihoods(h, scene, (), theta),
             filters.predict(h, scene, (), theta).log_likelihood[0]):
         assert_allclose(log_likelihood, dense.logpdf(y[seen]), rtol=1e-8)
-    assert_allclose(filters.solve(h, scene, (), theta).base, dense.logpdf(y[seen]),
+    assert_allclose(backward.solve(h, scene, (), theta).base, dense.logpdf(y[seen]),
                     rtol=1e-8)
 
 
@@ -201,7 +200,7 @@ def test_a_change_of_the_noise_passes_the_low_pass(variant, effects):
     scene = h.scene._replace(y=y)
     assert_allclose(filters.log_likelihoods(h, scene, (), theta[None]), expected,
                     rtol=1e-8)
-    assert_allclose(filters.solve(h, scene, (), theta[None]).base, expected, rtol=1e-8)
+    assert_allclose(backward.solve(h, scene, (), theta[None]).base, expected, rtol=1e-8)
     own = next(sensorid.filter_bank(sensorid.bank(h, DT, theta[None]), y[None], [n]))
     assert_allclose(sensorid.log_likelihood(
         1.0, own.count, own.chi2, own.score, own.information, own.log_det, (0.0, 1.0)),

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 import sensorid
 from sensorlab import Scene
-from sensorlab.gap import account, evidence, filters, screens
+from sensorlab.gap import account, changes, evidence, filters, screens
 from sensorlab.gap.catalogue import MIN_SIDE
 
 
@@ -107,7 +107,7 @@ CHANGES = pytest.mark.parametrize("effect", ["noise_step", "walk_step"])
 def test_onsets_are_drawn_from_their_law(effect):
     scene, h = stepped(effect)
     u = (np.arange(4000) + 0.5) / 4000
-    theta, log_ratio = evidence.onset_law(h, scene, ())(
+    theta, log_ratio = changes.onset_law(h, scene, ())(
         sensorid.at_quantiles(h.parameters, u[:, None]))
     assert abs(np.mean(np.exp(log_ratio)) - 1.0) < 0.01    # prior over law, under it
     weight = np.exp(log_ratio + (ll := filters.log_likelihoods(h, scene, (), theta))
@@ -125,7 +125,7 @@ def test_evidence_of_an_unknown_onset_is_the_sum_over_all(effect):
         len(every))
     s = evidence.integrate(
         lambda theta: filters.log_likelihoods(h, scene, (), theta)[:, None],
-        h.parameters, move=evidence.onset_law(h, scene, ()))
+        h.parameters, move=changes.onset_law(h, scene, ()))
     assert abs(s.log_evidence[0] - exact) < 0.1
 
 
@@ -133,7 +133,7 @@ def test_evidence_of_an_unknown_onset_does_not_hang_on_the_seed():
     made = generator.record(77, 208, ["noise_step"], 2)
     h = member(Scene(made["error"] - made["error"].mean(), DT, {}), MODEL[0],
                "noise_step")
-    law = evidence.onset_law(h, h.scene, ())
+    law = changes.onset_law(h, h.scene, ())
     said = [evidence.integrate(
         lambda theta: filters.log_likelihoods(h, h.scene, (), theta)[:, None],
         h.parameters, move=law, seed=seed).log_evidence[0] for seed in range(12)]

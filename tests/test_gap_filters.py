@@ -12,8 +12,9 @@ from scipy.stats import multivariate_normal, norm
 
 import sensorid
 from sensorlab import CATALOGUE, Found, Scene
-from sensorlab.gap import filters, kernels, mixtures, scans, signatures, unrolled
+from sensorlab.gap import backward, filters, linear, parts, scans, signatures
 from sensorlab.gap.catalogue import MIN_PULSE
+from sensorlab.gap.kernels import adjoint, arithmetic, mixtures, told, whitening
 from sensorlab.gap.processes import join
 
 
@@ -36,7 +37,7 @@ def test_signatures_in_the_bank_and_in_the_mixture_filter_say_the_same(short):
     scene, h, theta, C, seen = short
     t = scene.time
     columns = np.column_stack([np.cos(0.3 * t), np.sin(0.3 * t)])
-    found = filters.Signature(Found(CATALOGUE["sinusoid"]), columns, 2.0)
+    found = linear.Signature(Found(CATALOGUE["sinusoid"]), columns, 2.0)
     C = (C + 4.0 * columns @ columns.T)[np.ix_(seen, seen)]
     expected = multivariate_normal(cov=C).logpdf(scene.y[seen])
     assert_allclose(filters.log_likelihoods(h, scene, (found,), theta), expected,
@@ -49,7 +50,7 @@ def test_plain_filters_are_the_mixture_filters_without_jumps(short):
     scene, _, _, _, seen = short
     h = member(scene, paper_case(3)[1], "noise_step")
     theta = np.array([[300.0, 0.9, 0.4, 80.3, 2.0], [90.0, 0.5, 0.7, 120.0, 0.3]])
-    found = filters.Signature(Found(CATALOGUE["sinusoid"]), np.column_stack(
+    found = linear.Signature(Found(CATALOGUE["sinusoid"]), np.column_stack(
         [np.cos(0.3 * scene.time), np.sin(0.3 * scene.time)]), 2.0)
     y = scene.y + np.random.default_rng(2).standard_normal((11, 200))    # same gaps
     plain = filters.predict(h, scene, (found,), theta, y)
@@ -76,8 +77,8 @@ def test_a_filter_without_noise_has_variances_all_the_same():
     H = np.column_stack([np.ones(N), np.zeros(N), np.ones(N), *(
         wave(0.03 * np.arange(N)) for wave in (np.cos, np.sin))])
     gain, f = np.empty((N, 5)), np.empty(N)
-    kernels.plain_gains(H, own, np.array([1, 0, 2, 3, 4]), np.zeros(0, int),
-                        np.zeros(1), np.zeros(N, bool), gain, f)
+    whitening.plain_gains(H, own, np.array([1, 0, 2, 3, 4]), np.zeros(0, int),
+                          np.zeros(1), np.zeros(N, bool), gain, f)
     assert f.min() > 0.0 and np.isfinite(gain).all()
 
 
@@ -95,8 +96,8 @@ def test_a_change_of_what_drives_the_states_is_that_of_the_general_bank(short):
     b = sensorid.bank(h, DT, theta)
     assert b.Q.shape == (2, 200, 3, 3)
     whole = next(sensorid.filter_bank(b, rows, [200], [(0, 1)]))
-    one = filters.solve(h, scene, (), theta)
-    for mine, its in zip(filters.summed(one.bank, one.parts, rows, [(0, 1)]), whole):
+    one = backward.solve(h, scene, (), theta)
+    for mine, its in zip(linear.summed(one.bank, one.parts, rows, [(0, 1)]), whole):
         assert_allclose(mine, its, rtol=1e-9)
     white = filters.predict(h, scene, (), theta)
     assert_allclose(white.log_likelihood[0], one.base, rtol=1e-10)
@@ -128,7 +129,7 @@ def test_unrolled_mixture_filters_are_the_general_ones(short, known, names,
     h = member(scene, paper_case(3)[1], *names)
     u = np.random.default_rng(1).uniform(0.1, 0.9, (6, len(h.parameters)))
     theta = sensorid.at_quantiles(h.parameters, u)
-    found = [filters.Signature(Found(CATALOGUE["sinusoid"]), np.cos(
+    found = [linear.Signature(Found(CATALOGUE["sinusoid"]), np.cos(
         0.3 * scene.time)[:, None], 2.0)] * known
     y = scene.y + np.random.default_rng(2).standard_normal((3, 200))
     y[1, 190:] = np.nan
@@ -142,7 +143,7 @@ def test_unrolled_mixture_filters_are_the_general_ones(short, known, names,
     monkeypatch.setattr(mixtures, "_filter_mixtures", None)
     answers()    # not one of them is general
     monkeypatch.setattr(mixtures, "_filter_mixtures", general)
-    for most in ("UNROLLED", "UNROLLED_LEVELS"):
+    for most in ("UNROLLED_OUTLIERS", "UNROLLED_LEVELS"):
         monkeypatch.setattr(mixtures, most, 0)
     for one, other in zip(fast, answers()):
         for part, expected in zip(one, other) if isinstance(one, tuple) else (
@@ -186,7 +187,7 @@ def test_levels_that_only_noise_moves_are_one_state(base, name, known, monkeypat
                                           bias_sigma=2.0), name)
     theta = sensorid.at_quantiles(
         h.parameters, rng.uniform(0.1, 0.9, (5, len(h.parameters))))
-    found = [filters.Signature(Found(CATALOGUE["sinusoid"]), np.cos(
+    found = [linear.Signature(Found(CATALOGUE["sinusoid"]), np.cos(
         0.3 * scene.time)[:, None], 2.0)] * known
     one = filters.predict(h, scene, found, theta, y[None])
     monkeypatch.setattr(filters, "_with_one_level", lambda own, H, moved: (
@@ -210,11 +211,11 @@ def test_steps_far_from_the_prior_of_the_bias_are_no_matter_of_rounding():
 def test_tail_is_that_of_the_normal_law_as_far_as_there_are_numbers():
     score = np.linspace(0.0, 37.0, 2001)
     expected = norm.sf(score)
-    actual = np.array([unrolled.tail(one) for one in score])
+    actual = np.array([told.tail(one) for one in score])
     near = score < 8.0
     assert_allclose(actual[near], expected[near], rtol=1e-10)
     assert_allclose(actual, expected, rtol=2e-9)    # rounding of ten squares
-    assert unrolled.tail(40.0) == 0.0
+    assert told.tail(40.0) == 0.0
 
 
 def test_telegraph_in_white_noise_is_a_hidden_markov_chain():
@@ -295,7 +296,7 @@ def test_processes_of_two_states_are_those_of_the_dense_gaussian(more, variant):
     assert_allclose(filters.predict(h, scene, (), theta).log_likelihood, expected,
                     rtol=1e-9)
     assert_allclose(filters.log_likelihoods(h, scene, (), theta), expected, rtol=1e-9)
-    assert_allclose(filters.solve(h, scene, (), theta).residual[0, seen],
+    assert_allclose(backward.solve(h, scene, (), theta).residual[0, seen],
                     np.linalg.solve(C, y), rtol=1e-7, atol=1e-9)
 
 
@@ -305,7 +306,7 @@ def test_what_is_low_passed_may_change_its_variance(variant):
     h = member(scene, MODEL[1], "noise_step").with_effect(CATALOGUE["bandwidth"],
                                                           variant)
     theta = np.array([p.mean for p in h.parameters])[None]
-    assert filters.processes(h, scene, theta).a.shape[0] == 1
+    assert parts.processes(h, scene, theta).a.shape[0] == 1
     assert np.isfinite(filters.log_likelihoods(h, scene, (), theta)).all()
 
 
@@ -324,12 +325,12 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
                                          axes @ band.Gamma[0], band.H[0] @ back, 0.0,
                                          None, axes @ band.P0 @ axes.T)
         h = sensorid.hypothesis(lambda dt: join(turned, (0.9, 0.4, 1.0)), "turned")
-        one = filters.parts_of(h, sensorid.bank(h, DT, np.empty((2, 0))))
+        one = parts.parts_of(h, sensorid.bank(h, DT, np.empty((2, 0))))
         assert_array_equal(one.pair, [1, 0, 2])
         out = np.full((2, 2, 5, 60), np.nan)
         total = mixtures.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
                                         one.rise, r, outlier, jump, out, moved=2)
-        said.append((total, out, *kernels.adjoint(
+        said.append((total, out, *adjoint.adjoint(
             np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, one.rise,
             r)))
     for one, other in zip(*said):
@@ -338,14 +339,14 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
 
 def test_a_filter_that_is_no_sum_of_processes_has_no_modes():
     ramp = sensorid.hypothesis("rate_ramp", slope=1.0, sigma_v=1.0)
-    assert filters.equivalent_modes(sensorid.bank(ramp, DT, np.array([[1.0, 0.0, 1.0]]))
-                                    ) is None
+    assert parts.equivalent_modes(sensorid.bank(ramp, DT, np.array([[1.0, 0.0, 1.0]]))
+                                  ) is None
 
     def from_rest(dt, sigma_m):    # turns, but is not yet as wide as it will be
         return sensorid.shaping_filter([[0.5, -0.5], [0.5, 0.5]], [[sigma_m], [0.0]],
                                        [1.0, 0.0])
     h = sensorid.hypothesis(from_rest, sigma_m=1.0)
-    assert filters.equivalent_modes(sensorid.bank(h, DT, np.array([[1.0]]))) is None
+    assert parts.equivalent_modes(sensorid.bank(h, DT, np.array([[1.0]]))) is None
 
 
 def test_telegraph_on_a_walk_is_close_to_the_sum_over_all_histories():
@@ -528,7 +529,7 @@ def test_long_records_are_told_of_as_by_filters_of_either_level(monkeypatch):
 
 def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
     scene, h, theta, C, seen = short
-    solved = filters.solve(h, scene, (), theta)
+    solved = backward.solve(h, scene, (), theta)
     inverse = np.zeros((200, 200))
     inverse[np.ix_(seen, seen)] = np.linalg.inv(C[np.ix_(seen, seen)])
     y = np.where(seen, scene.y, 0.0)
@@ -548,11 +549,12 @@ def test_backward_pass_gives_every_step_and_every_weighted_sum(short):
 def test_products_of_rows_do_not_depend_on_how_they_are_shared_out():
     rng = np.random.default_rng(4)
     rows, columns = rng.standard_normal((5, 5001)), rng.standard_normal((7, 5001))
-    whole = kernels.row_products(rows, columns)
+    whole = arithmetic.row_products(rows, columns)
     assert_allclose(whole, rows @ columns.T, atol=1e-11)
-    one_by_one = [kernels.row_products(row[None], columns)[0] for row in rows]
+    one_by_one = [arithmetic.row_products(row[None], columns)[0] for row in rows]
     assert_array_equal(whole, one_by_one)
-    assert_allclose(kernels.row_products(rows, columns[:2]), whole[:, :2], atol=1e-11)
+    assert_allclose(arithmetic.row_products(rows, columns[:2]), whole[:, :2],
+                    atol=1e-11)
 
 
 @pytest.mark.parametrize("name", [None, "correlated_noise"])
@@ -565,8 +567,8 @@ def test_what_records_share_gives_the_likelihoods_of_each(name):
     theta = sensorid.at_quantiles(h.parameters, np.random.default_rng(5).uniform(
         0.2, 0.8, (4, count)))
     t = np.arange(400)
-    signatures = [filters.Signature(None, columns, 2.0) for columns in (
+    signatures = [linear.Signature(None, columns, 2.0) for columns in (
         np.column_stack([np.cos(t), np.sin(t)]), (t / 1e4)[:, None])]
-    known = filters.shared(h, scene, signatures, theta, np.isnan(y[0]))
+    known = linear.shared(h, scene, signatures, theta, np.isnan(y[0]))
     assert_allclose(known.log_likelihoods(y), filters.filtered(
         h, scene, signatures, theta, y), rtol=1e-11)

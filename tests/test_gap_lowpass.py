@@ -13,9 +13,10 @@ from scipy import signal, stats
 import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator, modelfiles, simulate_effects
-from sensorlab.gap import effects, filters, lowpass, scans, signatures, words
-from sensorlab.gap.account import fixed
+from sensorlab.gap import (
+    backward, effects, filters, linear, lowpass, scans, signatures, words)
 from sensorlab.gap.catalogue import MIN_PULSE
+from sensorlab.gap.effects import fixed
 from sensorlab.gap.lowpass import LowPass
 
 FORMS = (("digital first order", 0.9), ("digital", 1.3), ("digital", 4.0),
@@ -35,7 +36,7 @@ def behind(request):
     scene, one = Scene(y, 1.0, {}), LowPass(variant, tau)
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=SPREAD)
                ).with_effect(CATALOGUE["bandwidth"], variant)
-    solved = filters.solve(h, scene, (), np.array([[1.0, tau]]), one)
+    solved = backward.solve(h, scene, (), np.array([[1.0, tau]]), one)
     seen, cov = ~np.isnan(y), (long @ long.T)[1000:, 1000:] + SPREAD**2
     inverse = np.zeros((N, N))
     inverse[np.ix_(seen, seen)] = np.linalg.inv(cov[np.ix_(seen, seen)])
@@ -85,7 +86,7 @@ def test_scans_find_what_passes(behind, name):
     scene, h = scene._replace(y=y), member(scene, WHITE[0])
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=SPREAD)
                ).with_effect(CATALOGUE["bandwidth"], one.variant)
-    solved = filters.solve(h, scene, (), np.array([[1.0, one.tau]]), one)
+    solved = backward.solve(h, scene, (), np.array([[1.0, one.tau]]), one)
     family = signatures.Family(CATALOGUE[name], "", low_pass=one)
     best = signatures.scores_at(scene, family, solved, [values]).gain.max()
     found = [part for part in scans.SCANS[CATALOGUE[name].search](
@@ -107,11 +108,11 @@ def test_edges_where_a_low_pass_stops_all_gain_nothing_by_rounding():
                ).with_effect(CATALOGUE["bandwidth"], "digital")
     known = dict(onset=300.0, duration=5.0, size=0.1)
     found = Found(effect, variant="rectangular", values=known)
-    one = filters.Signature(found, effects.columns_of(scene, found, known), 1.0)
+    one = linear.Signature(found, effects.columns_of(scene, found, known), 1.0)
     scene = scene._replace(y=y + 0.1 * one.columns[:, 0])
     for taus in [1.6], [1.5, 1.6, 1.7]:
         theta = np.array([[0.01, 1.0, tau] for tau in taus])
-        solved = filters.solve(h, scene, (one,), theta)
+        solved = backward.solve(h, scene, (one,), theta)
         if len(taus) == 1:
             solved = solved.for_scans(np.isnan(scene.y))
         told = signatures.scores_at(scene, signatures.Family(effect, ""), solved, [
@@ -152,7 +153,7 @@ def test_a_record_of_a_model_has_edges_as_its_low_pass_leaves_them(tmp_path):
 def test_what_is_there_before_a_low_pass_takes_the_form_that_passes_it():
     scene = Scene(np.zeros(100), 1.0, {})
     found = Found(CATALOGUE["bias_step"], values=dict(onset=50.0, size=2.0))
-    one = filters.Signature(found, found.effect.columns, 1.0)
+    one = linear.Signature(found, found.effect.columns, 1.0)
     low_pass = LowPass("digital", 3.0)
     assert lowpass.signature_passing(low_pass, one, scene, False) is one
     passed = lowpass.signature_passing(low_pass, one, scene, True)

@@ -13,7 +13,7 @@ import sensorid
 import sensorlab
 from figures import hostile
 from sensorlab import CATALOGUE, Effect, Scene
-from sensorlab.gap import directed, evidence, filters, onsets, scans, signatures
+from sensorlab.gap import backward, directed, evidence, onsets, scans, signatures
 from sensorlab.gap.account import account
 from sensorlab.gap.shapes import lagged
 
@@ -32,7 +32,7 @@ def test_what_lasts_a_short_while_needs_a_part_of_a_long_record(name, monkeypatc
         h = h.with_effect(Effect(name, elementwise=True, model=lambda scene, filt: (
             filt._replace(Psi=np.sqrt(filt.Psi**2 + share)))))
     theta = np.array([[p.quantile(u) for p in h.parameters] for u in (0.4, 0.6)])
-    solved = filters.solve(h, scene, (), theta)
+    solved = backward.solve(h, scene, (), theta)
     one = solved.node(1).for_scans(np.isnan(y))
     assert (one.filter is None) == (name == "")    # of one state
     t = np.arange(N) - 40_000
@@ -53,7 +53,7 @@ def test_gain_of_a_sinusoid_is_that_of_least_squares():
     y = sensorid.simulate(MODEL[1:], DT, 400, seed=4).error[0]
     scene, theta = Scene(y, DT, {}), np.array([[300.0, 0.9, 0.4]])
     h = member(scene, MODEL[1])
-    solved = filters.solve(h, scene, (), theta)
+    solved = backward.solve(h, scene, (), theta)
     lines = signatures.Family(CATALOGUE["sinusoid"], "")
     parts = list(scans.SCANS["frequency"](scene, lines, solved))
     psi = np.concatenate([part.of(np.arange(len(part.gain)))[0] for part in parts])
@@ -82,7 +82,7 @@ def test_no_pulse_gains_more_than_by_least_squares(effect, variants):
     y = sensorid.simulate(MODEL[1:], DT, 400, seed=4).error[0]
     scene, theta = Scene(y, DT, {}), np.array([[300.0, 0.9, 0.4]])
     h = member(scene, MODEL[1])
-    solved = filters.solve(h, scene, (), theta)
+    solved = backward.solve(h, scene, (), theta)
     family = signatures.Family(CATALOGUE[effect], "")
     inverse = np.linalg.inv(dense(theta[0], 400))
     rng, seen = np.random.default_rng(0), set()
@@ -106,7 +106,7 @@ def test_no_pulse_gains_more_than_by_least_squares(effect, variants):
 def test_gain_of_waves_is_about_that_of_least_squares(effect, envelope):
     y = sensorid.simulate(MODEL[1:], DT, 400, seed=4).error[0]
     scene, theta = Scene(y, DT, {}), np.array([[300.0, 0.9, 0.4]])
-    solved = filters.solve(member(scene, MODEL[1]), scene, (), theta)
+    solved = backward.solve(member(scene, MODEL[1]), scene, (), theta)
     inverse, ratio = np.linalg.inv(dense(theta[0], 400)), []
     rng = np.random.default_rng(0)
     for part in scans.SCANS["waves"](scene, signatures.Family(
@@ -146,7 +146,7 @@ def test_what_matters_is_exact_at_every_node(effect):
     )[effect]
     scene, h = Scene(y, DT, {}), member(Scene(y, DT, {}), MODEL[1])
     theta = account(scene, [h]).sample.nodes(6)
-    solved, table = filters.solve(h, scene, (), theta), signatures.bayes_table()
+    solved, table = backward.solve(h, scene, (), theta), signatures.bayes_table()
     family = signatures.Family(CATALOGUE[effect], "")
     one = solved.node(int(solved.base.argmax()))
     parts = list(scans.SCANS[family.effect.search](scene, family, one))
@@ -188,7 +188,7 @@ def test_evidence_of_waves_is_a_sum_over_a_fine_grid(effect):
     y = rng.standard_normal(N) + size * columns(onset, n, f).real
     scene = Scene(y, 1.0, {})
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0))
-    solved = filters.solve(h, scene, (), np.array([[1.0]]))
+    solved = backward.solve(h, scene, (), np.array([[1.0]]))
     family = signatures.Family(CATALOGUE[effect], "")
     told, likely = finest(scene, family, solved, solved, signatures.bayes_table())
     # all that is within a cell of the scan, or half, of the truth
@@ -222,7 +222,7 @@ def test_where_nothing_is_seen_there_is_nothing(effect, missing):
     y[missing] = np.nan
     scene = Scene(y, DT, {})
     h = member(scene, MODEL[1])
-    solved = filters.solve(h, scene, (), account(scene, [h]).theta[None])
+    solved = backward.solve(h, scene, (), account(scene, [h]).theta[None])
     told, _ = finest(scene, signatures.Family(CATALOGUE[effect], ""), solved, solved,
                      signatures.bayes_table())
     assert told[0] < 1.5
@@ -234,7 +234,7 @@ def test_a_ringing_in_the_quiet_part_of_a_record_gains_no_more_than_it_should():
         loud, 3.0, 0.5) * rng.standard_normal(1000)
     scene = Scene(y, DT, {})
     h = member(scene, MODEL[0], "noise_step")
-    solved = filters.solve(h, scene, (), np.array([[0.05, 3.0, 700.0, 1.0 / 6.0]]))
+    solved = backward.solve(h, scene, (), np.array([[0.05, 3.0, 700.0, 1.0 / 6.0]]))
     family = signatures.Family(CATALOGUE["ringing"], "")
     gains = np.concatenate([p.gain for p in scans.SCANS["waves"](
         scene, family, solved)])
@@ -251,7 +251,7 @@ def test_a_pulse_is_found_between_its_edges(sigma_w, edges, size, reach):
     y[slice(*edges)] += size
     model = hostile.simulator()
     scene, theta = Scene(y, 1.0, {}), np.array([[sigma_w, 0.5]])
-    solved = filters.solve(member(scene, model[0]), scene, (), theta)
+    solved = backward.solve(member(scene, model[0]), scene, (), theta)
     family = signatures.Family(CATALOGUE["pulse"], "")
     *_, found = scans.SCANS["pulse"](scene, family, solved)    # between edges
     best = found.gain.argmax()
@@ -305,7 +305,7 @@ def test_what_is_known_of_a_pulse_is_its_posterior(name, shape, size, spans):
 def test_waves_at_the_end_of_their_range_have_a_grid(off):
     scene = Scene(np.random.default_rng(4).standard_normal(200), 1.0, {})
     h = sensorid.hypothesis("white_noise", sigma_v=1.0)
-    solved = filters.solve(member(scene, h), scene, (), np.array([[1.0]]))
+    solved = backward.solve(member(scene, h), scene, (), np.array([[1.0]]))
     longest = CATALOGUE["ringing"].parameters(scene)[1].high
     family = signatures.Family(CATALOGUE["ringing"], "")
     family, *_ = scans._resolved_waves(scene, family, solved, scans._wave_grid(
@@ -380,7 +380,7 @@ def test_waves_are_scored_alike_by_the_part_of_a_record_where_they_are(nodes,
                                           sigma_v=(0.5, 1.5)))
     theta = np.column_stack([np.full(nodes, 50.0), np.full(nodes, 0.7),
                              np.linspace(1.0, 1.1, nodes)])
-    solved = filters.solve(h, scene, (), theta)
+    solved = backward.solve(h, scene, (), theta)
     family = signatures.Family(CATALOGUE["ringing"], "")
     psi = [(300.03, 0.4, 7.0), (301.0, 0.5, 7.3), (300.9, 0.3, 20.0)]
     parts = []
@@ -404,14 +404,14 @@ def test_what_a_filter_remembers_lasts_over_samples_that_are_missing():
         y = np.zeros(N)
         y[missing] = np.nan
         scene = Scene(y, 1.0, {})
-        return filters.solve(member(scene, h), scene, (), np.array([[0.05, 1.0]])
-                             ).memory
+        return backward.solve(member(scene, h), scene, (), np.array([[0.05, 1.0]])
+                              ).memory
     whole = memory(slice(0))
     # of a walk, by 1 - gain a sample: twice as many as take it to 1e-8, about
     assert 0.8 < whole / (2.0 * np.log(1e-8) / np.log(1.0 - 0.05)) < 1.1
     assert memory(slice(30_000, 31_000)) == pytest.approx(whole + 1000, rel=0.02)
     assert memory(slice(0, None, 2)) == pytest.approx(2 * whole, rel=0.02)
-    assert memory(slice(0, 40_000)) == filters.MEMORY
+    assert memory(slice(0, 40_000)) == backward.MEMORY
 
 
 def test_waves_that_are_apart_are_scored_each_by_its_own_part(monkeypatch):
@@ -419,7 +419,7 @@ def test_waves_that_are_apart_are_scored_each_by_its_own_part(monkeypatch):
     y = np.random.default_rng(8).standard_normal(N)
     scene = Scene(y, 1.0, {})
     h = member(scene, sensorid.hypothesis("random_walk", sigma_w=0.05, sigma_v=1.0))
-    solved = filters.solve(h, scene, (), np.array([[0.05, 1.0]]))
+    solved = backward.solve(h, scene, (), np.array([[0.05, 1.0]]))
     assert solved.memory < signatures.MEMORY
     family = signatures.Family(CATALOGUE["vibration_burst"], "")
     psi = [(90_000.5, 40.0, 0.2), (50.0, 70_000.0, 0.1), (500.0, 60_000.0, 0.01),
@@ -497,7 +497,7 @@ def test_one_hypothesis_begins_where_another_has_been_resolved(monkeypatch):
     ((_, columns),) = CATALOGUE["ringing"].columns(scene, None, (onset, duration, 0.1))
     scene = scene._replace(y=scene.y + 3.0 * columns[:, 0])
     h = sensorid.hypothesis("white_noise", sigma_v=1.0)
-    one = filters.solve(member(scene, h), scene, (), np.array([[1.0]]))
+    one = backward.solve(member(scene, h), scene, (), np.array([[1.0]]))
     family = signatures.Family(CATALOGUE["ringing"], "")
     anew, grid = scans.refined(scene, family, one)
     assert len(tried) < signatures.MOST_GRIDS    # to one side of an edge it settles

@@ -8,7 +8,7 @@ from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.augmented import augmented
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import diagnose
-from sensorlab.gap.effects import Simulator
+from sensorlab.gap.members import Simulator
 from sensorlab.gap.report import report
 from sensorlab.gap.words import described
 from sensorlab.several.work import model_of

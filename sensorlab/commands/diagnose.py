@@ -17,8 +17,9 @@ from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.costs import forewarning
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import diagnose
-from sensorlab.gap.effects import Scene, Simulator, describe
+from sensorlab.gap.effects import Scene, describe
 from sensorlab.gap.known import check_scene
+from sensorlab.gap.members import Simulator
 from sensorlab.gap.report import report
 from sensorlab.gap.words import told
 from sensorlab.modelfiles import check_onsets, read_model

@@ -8,7 +8,8 @@ from sensorid import write_whole
 from sensorlab.commands.shared import (
     RECORDED, check_memory, check_outputs, covariates_of, read, refuse_interval,
     refuse_unused)
-from sensorlab.gap.effects import Scene, simulate_effects
+from sensorlab.gap.draws import simulate_effects
+from sensorlab.gap.effects import Scene
 from sensorlab.gap.known import check_columns
 from sensorlab.modelfiles import check_onsets, read_model
 

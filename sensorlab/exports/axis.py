@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import ShapingFilter, model_allan_variance
-from sensorlab.gap.effects import Jumps, Scene, Simulator, members
+from sensorlab.gap.effects import Jumps, Scene
+from sensorlab.gap.members import Simulator, members
 from sensorlab.gap.processes import beside, join
 from sensorlab.units import SI, factor, kind_of
 

@@ -39,10 +39,10 @@ Notation
     z            normal scores of a record, N(0, 1) and white if all is well
 
 The files read in the order of the argument; each takes only from those before it:
-costs, effects, shapes, processes, values, repeats, interpolated, catalogue, kernels,
-lowpass, unrolled, steps, mixtures, filters, evidence, joint, screens, spectra,
-signatures, onsets, scans, tuning, codes, clipping, averages, readings, account,
-directed, rival, wrong, inside, refits, causes, pairs, probes, places, distance,
-closure, drift, twins, flexible, search, remainder, verdict, known, diagnosis,
-augmented, blackbox, sizes, words, report, curves.
+costs, effects, members, draws, shapes, processes, values, repeats, interpolated,
+catalogue, kernels, lowpass, parts, linear, filters, backward, evidence, changes, joint,
+screens, spectra, signatures, onsets, scans, tuning, codes, clipping, averages,
+readings, standins, guesses, account, implied, directed, rival, wrong, inside, refits,
+causes, pairs, probes, places, distance, closure, drift, twins, flexible, search,
+remainder, verdict, known, diagnosis, augmented, blackbox, sizes, words, report, curves.
 """

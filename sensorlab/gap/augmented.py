@@ -3,11 +3,13 @@
 import numpy as np
 
 from sensorid import Parameter, simulate
-from sensorlab.gap.account import around, as_simulated, bias_of
 from sensorlab.gap.clipping import latent_law
-from sensorlab.gap.effects import Simulator, known_values
+from sensorlab.gap.effects import known_values
+from sensorlab.gap.implied import around, as_simulated
 from sensorlab.gap.known import offset_of
+from sensorlab.gap.members import Simulator
 from sensorlab.gap.readings import SMOOTH, as_read
+from sensorlab.gap.standins import bias_of
 
 
 def augmented(d):

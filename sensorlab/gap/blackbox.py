@@ -9,11 +9,13 @@ from scipy.special import ndtr
 from scipy.stats import t as student
 
 from sensorid import Parameter, default_hypotheses
-from sensorlab.gap.account import account, fixed, solved_by
+from sensorlab.gap.account import account
 from sensorlab.gap.diagnosis import diagnose
-from sensorlab.gap.effects import Simulator
+from sensorlab.gap.effects import fixed
 from sensorlab.gap.joint import joint_of
+from sensorlab.gap.members import Simulator
 from sensorlab.gap.readings import as_read, readings, recorded
+from sensorlab.gap.standins import solved_by
 
 MOST_RECORDS = 20    # that are described
 

@@ -6,19 +6,19 @@ import numpy as np
 from scipy.special import logsumexp
 
 from sensorid import brief, probabilities
-from sensorlab.gap.account import (
-    Account, account, evidence_error, for_processes, for_signatures, gaussian,
-    mean_evidence)
+from sensorlab.gap.account import Account, account, evidence_error, mean_evidence
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import (
     directed, estimate_signature, onsets_nearby, part_about)
 from sensorlab.gap.effects import Effect, Found
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
-from sensorlab.gap.filters import log_likelihoods, part_of
+from sensorlab.gap.filters import log_likelihoods
 from sensorlab.gap.inside import Inside, rests_on_rounding, with_filters
+from sensorlab.gap.linear import part_of
 from sensorlab.gap.lowpass import families_passing, low_pass_of
 from sensorlab.gap.rival import MATTERS, Rival, floor_of, least_told, with_signature
 from sensorlab.gap.signatures import families
+from sensorlab.gap.standins import for_processes, for_signatures, gaussian
 from sensorlab.gap.wrong import (
     with_wrong_parameters, with_wrong_scale, with_wrong_sizes)
 

@@ -11,7 +11,8 @@ from scipy.special import log_ndtr, ndtr, ndtri
 
 from sensorid import INSIDE
 from sensorlab.gap.codes import uneven_codes
-from sensorlab.gap.kernels import KERNEL, row_products
+from sensorlab.gap.kernels.arithmetic import row_products
+from sensorlab.gap.kernels.lanes import KERNEL
 from sensorlab.gap.values import COARSE, TELLING, less_rounding, unpredicted
 
 

@@ -10,8 +10,8 @@ from scipy.stats import chi2
 from sensorid import LOG_2PI, side_by_side
 from sensorlab.gap.account import account
 from sensorlab.gap.distance import MIN_WAYS, distance, enough_trials
-from sensorlab.gap.filters import part_of
-from sensorlab.gap.kernels import row_products
+from sensorlab.gap.kernels.arithmetic import row_products
+from sensorlab.gap.linear import part_of
 from sensorlab.gap.readings import as_read
 
 OUTSTANDING = 0.05      # how often a record without a gap has what a gap is measured on

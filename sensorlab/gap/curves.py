@@ -8,12 +8,15 @@ from scipy.signal import lfilter
 from scipy.special import ndtr
 
 from sensorid import allan_deviation, allan_variance, brief
-from sensorlab.gap.account import (
-    LEVEL_AS_NOISE, STEPS_AS_WALK, as_simulated, gaussian, in_place)
+from sensorlab.gap.backward import solve
 from sensorlab.gap.closure import threshold
-from sensorlab.gap.effects import BLOCK, LONG_RECORD, signature_of, simulate_effects
-from sensorlab.gap.filters import predict, processes, solve
+from sensorlab.gap.draws import simulate_effects
+from sensorlab.gap.effects import BLOCK, LONG_RECORD, signature_of
+from sensorlab.gap.filters import predict
+from sensorlab.gap.implied import as_simulated, in_place
+from sensorlab.gap.parts import processes
 from sensorlab.gap.readings import as_read
+from sensorlab.gap.standins import LEVEL_AS_NOISE, STEPS_AS_WALK, gaussian
 from sensorlab.gap.words import outstanding
 
 

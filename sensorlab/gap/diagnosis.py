@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import as_samples, brief, one_thread_if
-from sensorlab.gap.account import Account, as_simulated, in_place, with_tails
+from sensorlab.gap.account import Account, with_tails
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.causes import Cause
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
@@ -17,9 +17,10 @@ from sensorlab.gap.distance import Gap, distance, enough_trials
 from sensorlab.gap.drift import drift
 from sensorlab.gap.effects import Scene
 from sensorlab.gap.flexible import closed_by_any
+from sensorlab.gap.implied import as_simulated, in_place
 from sensorlab.gap.known import (
-    as_simulator, bias_beside, check_recorded, check_scene, check_units,
-    with_readings, without_known)
+    as_simulator, bias_beside, check_recorded, check_scene, check_units, with_readings,
+    without_known)
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing, recorded
 from sensorlab.gap.refits import estimated_together
 from sensorlab.gap.remainder import Remainder, parts, remainder

@@ -10,9 +10,11 @@ from scipy.special import logsumexp
 
 from sensorid import probabilities, side_by_side
 from sensorlab.gap.account import account
+from sensorlab.gap.backward import solve
 from sensorlab.gap.effects import BLOCK, Found, columns_of
 from sensorlab.gap.evidence import Sample, effort, log_sum, normalized
-from sensorlab.gap.filters import Signature, log_likelihoods, solve
+from sensorlab.gap.filters import log_likelihoods
+from sensorlab.gap.linear import Signature
 from sensorlab.gap.scans import FINER, family_bayes, is_coarse, refined, scores
 from sensorlab.gap.signatures import SIZES, bayes_table, families, log_bayes
 

@@ -9,14 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief, free_columns, side_by_side
-from sensorlab.gap.account import as_simulated, gaussian, in_place
 from sensorlab.gap.catalogue import quantize
-from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene, simulate_effects
-from sensorlab.gap.filters import (
-    Filter, Shared, filter_of, filtered, predict, predict_first, shared)
+from sensorlab.gap.draws import simulate_effects
+from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene
+from sensorlab.gap.filters import filtered, predict, predict_first
+from sensorlab.gap.implied import as_simulated, in_place
+from sensorlab.gap.linear import Filter, Shared, filter_of, shared
 from sensorlab.gap.places import PLACES, Statistics, statistics
 from sensorlab.gap.probes import Probes, probes
 from sensorlab.gap.readings import misleads, without_readings
+from sensorlab.gap.standins import gaussian
 from sensorlab.gap.values import COARSE, lattice_and_noise
 
 

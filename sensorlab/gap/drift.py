@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import side_by_side
-from sensorlab.gap.effects import BLOCK, simulate_effects
+from sensorlab.gap.draws import simulate_effects
+from sensorlab.gap.effects import BLOCK
 
 HORIZONS = 1.0, 10.0, 60.0, 600.0    # s
 MIN_WINDOWS = 4    # of a horizon, in a record

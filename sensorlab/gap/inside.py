@@ -9,18 +9,20 @@ import numpy as np
 from scipy.special import ndtr
 
 from sensorid import at_quantiles, brief, side_by_side
-from sensorlab.gap.account import Account, account, guesses_from, mean_evidence
+from sensorlab.gap.account import Account, account, mean_evidence
 from sensorlab.gap.catalogue import CATALOGUE, columns_for
+from sensorlab.gap.changes import onset_law
 from sensorlab.gap.costs import say
-from sensorlab.gap.evidence import onset_law
-from sensorlab.gap.filters import filter_of, log_likelihoods, predict
+from sensorlab.gap.filters import log_likelihoods, predict
+from sensorlab.gap.guesses import guesses_from
+from sensorlab.gap.kernels.steps import RECENT
+from sensorlab.gap.linear import filter_of
 from sensorlab.gap.rival import (
     Rival, different, floor_of, least_told, log_bayes_over, values_of)
 from sensorlab.gap.screens import (
     FEW, LITTLE, SCREENS, change_of_drive, change_of_level, noise_with, screened,
     usual_variance)
 from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
-from sensorlab.gap.steps import RECENT
 from sensorlab.gap.values import NOISY, less_rounding
 
 BY_SPECTRA = "band", "spectrum"    # how an effect inside the filter may be sought

@@ -10,14 +10,14 @@ from scipy.stats.qmc import LatinHypercube
 from sensorid import (
     Parameter, as_hypotheses, at_quantiles, free_columns, mean_square, random_walk,
     rate_ramp)
-from sensorlab.gap.account import account, bias_of, fixed
+from sensorlab.gap.account import account
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.effects import (
-    Found, Simulator, columns_of, known_values, members, signature_of)
-from sensorlab.gap.filters import Signature
-from sensorlab.gap.kernels import dot
+from sensorlab.gap.effects import Found, columns_of, fixed, known_values, signature_of
+from sensorlab.gap.kernels.arithmetic import dot
+from sensorlab.gap.linear import Signature
+from sensorlab.gap.members import Simulator, members
 from sensorlab.gap.readings import as_read
-
+from sensorlab.gap.standins import bias_of
 
 UNEXPECTED = 3.0        # standard deviations of the mean: a bias the simulator lacks
 FAR_FROM_ZERO = 30.0    # standard deviations of the record

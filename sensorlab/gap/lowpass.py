@@ -9,9 +9,8 @@ import numpy as np
 from scipy.signal import lfilter, ss2tf
 
 from sensorlab.gap.effects import columns_of
-from sensorlab.gap.kernels import Shock
+from sensorlab.gap.kernels.adjoint import Shock
 from sensorlab.gap.processes import digital
-
 
 ALTERED = 0.05    # of the spread of a column, that a low-pass takes away from it
 

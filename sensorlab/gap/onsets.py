@@ -11,10 +11,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import find_peaks
 
 from sensorlab.gap.catalogue import MIN_PULSE, MIN_SHAPED
-from sensorlab.gap.kernels import KERNEL, in_rows
+from sensorlab.gap.kernels.lanes import KERNEL, in_rows
+from sensorlab.gap.shapes import DECAYS, MIN_SLOW
 from sensorlab.gap.signatures import (
     Grid, Scan, Scores, blocks, information, resolved, scores_at, unnamed)
-from sensorlab.gap.shapes import DECAYS, MIN_SLOW
 
 
 def step_scores(scene, solved):

@@ -11,14 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief, mesh, middles, side_by_side
-from sensorlab.gap.account import account, gaussian
+from sensorlab.gap.account import account
 from sensorlab.gap.causes import NO_OTHER, further_causes
 from sensorlab.gap.effects import Found
-from sensorlab.gap.filters import Signature, filter_of, log_likelihoods, part_of
-from sensorlab.gap.kernels import row_products
+from sensorlab.gap.filters import log_likelihoods
+from sensorlab.gap.kernels.arithmetic import row_products
+from sensorlab.gap.linear import Signature, filter_of, part_of
 from sensorlab.gap.rival import with_signature
 from sensorlab.gap.screens import HEAD, LAWS, LITTLE
 from sensorlab.gap.signatures import Family, columns_at, families
+from sensorlab.gap.standins import gaussian
 
 ONSETS = 48          # of a step
 ENDS = 24            # onsets of what lasts

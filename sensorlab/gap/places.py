@@ -17,7 +17,8 @@ from scipy.special import (
 from sensorid import allan_variance, brief
 from sensorlab.gap.effects import Scene
 from sensorlab.gap.filters import normal_score
-from sensorlab.gap.kernels import KERNEL, dot, in_threads, row_products
+from sensorlab.gap.kernels.arithmetic import dot, row_products
+from sensorlab.gap.kernels.lanes import KERNEL, in_threads
 
 PLACES = "time", "frequency", "averaging_time", "lag", "amplitude", "covariate"
 CLASSES = 12           # of even probability

@@ -10,8 +10,9 @@ from scipy.special import eval_legendre
 
 from sensorid import brief
 from sensorlab.gap.effects import BLOCK
-from sensorlab.gap.filters import Filter
-from sensorlab.gap.kernels import LANES, row_products
+from sensorlab.gap.kernels.arithmetic import row_products
+from sensorlab.gap.kernels.lanes import LANES
+from sensorlab.gap.linear import Filter
 
 SHIFTS = 32                # of the level, at even times
 POLYNOMIAL_DEGREE = 5      # in a column: thermal models are of the third

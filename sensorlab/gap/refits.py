@@ -3,13 +3,16 @@
 import numpy as np
 
 from sensorid import side_by_side
-from sensorlab.gap.account import account, fixed, gaussian
+from sensorlab.gap.account import account
 from sensorlab.gap.directed import estimated_beside, nodes_for
-from sensorlab.gap.filters import log_likelihoods, part_of
+from sensorlab.gap.effects import fixed
+from sensorlab.gap.filters import log_likelihoods
+from sensorlab.gap.linear import part_of
 from sensorlab.gap.lowpass import low_pass_of, signature_passing
 from sensorlab.gap.readings import as_read
 from sensorlab.gap.rival import different, values_of
 from sensorlab.gap.screens import HEAD
+from sensorlab.gap.standins import gaussian
 from sensorlab.gap.wrong import (
     column_of, factor_of, form_of, held_by, is_single, wrong_key)
 

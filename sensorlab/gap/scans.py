@@ -15,7 +15,8 @@ from scipy.fft import next_fast_len
 from sensorid import brief
 from sensorlab.gap.catalogue import MIN_CYCLES, MIN_RINGING
 from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene
-from sensorlab.gap.kernels import KERNEL, spectrum
+from sensorlab.gap.kernels.arithmetic import spectrum
+from sensorlab.gap.kernels.lanes import KERNEL
 from sensorlab.gap.onsets import (
     resolved_span, span_grid, span_scan, step_scan, step_scores)
 from sensorlab.gap.signatures import (

@@ -12,9 +12,10 @@ from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp, ndtr, ndtri
 
 from sensorid import LOG_2PI, mesh, middles, side_by_side
-from sensorlab.gap.filters import log_likelihoods, part_of, predict
-from sensorlab.gap.kernels import KERNEL, LANES
-from sensorlab.gap.mixtures import smoothed
+from sensorlab.gap.filters import log_likelihoods, predict
+from sensorlab.gap.kernels.lanes import KERNEL, LANES
+from sensorlab.gap.kernels.mixtures import smoothed
+from sensorlab.gap.linear import part_of
 
 FEW = -2.0        # ln B below which a screen has the last word
 ONSETS = 2048     # at most, that are tried

@@ -8,14 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief, probabilities
-from sensorlab.gap.account import Account, account, as_simulated, in_place
+from sensorlab.gap.account import Account, account
 from sensorlab.gap.causes import (
     PRIOR_LAST, Cause, further_causes, largest_bayes, search_cost)
 from sensorlab.gap.costs import heard_by, say
 from sensorlab.gap.distance import Gap
-from sensorlab.gap.effects import simulate_effects
+from sensorlab.gap.draws import simulate_effects
 from sensorlab.gap.evidence import HOPELESS_NATS, effort
 from sensorlab.gap.flexible import stays_needed
+from sensorlab.gap.implied import as_simulated, in_place
 from sensorlab.gap.inside import MANY_STEPS
 from sensorlab.gap.pairs import best_pair
 from sensorlab.gap.readings import as_read, hide

@@ -11,10 +11,12 @@ import numpy as np
 from numba import njit
 
 from sensorid import INSIDE, brief, mesh
+from sensorlab.gap.backward import HARMLESS, MEMORY
 from sensorlab.gap.catalogue import columns_for
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
-from sensorlab.gap.filters import HARMLESS, MEMORY, cut, summed
-from sensorlab.gap.kernels import KERNEL, row_products
+from sensorlab.gap.kernels.arithmetic import row_products
+from sensorlab.gap.kernels.lanes import KERNEL
+from sensorlab.gap.linear import cut, summed
 from sensorlab.gap.shapes import LASTS
 
 # ---- Bayes factor of a size

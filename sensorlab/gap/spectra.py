@@ -15,8 +15,10 @@ from scipy.stats.qmc import LatinHypercube
 
 from sensorid import at_quantiles, brief, free_columns, mesh, middles
 from sensorlab.gap.evidence import NOTHING, climb
-from sensorlab.gap.filters import leaked, predict, processes
-from sensorlab.gap.kernels import KERNEL, in_threads, spectrum
+from sensorlab.gap.filters import predict
+from sensorlab.gap.kernels.arithmetic import spectrum
+from sensorlab.gap.kernels.lanes import KERNEL, in_threads
+from sensorlab.gap.parts import leaked, processes
 from sensorlab.gap.processes import MIN_TURN
 
 

@@ -4,8 +4,10 @@ by how much a temperature lags.
 
 import numpy as np
 
-from sensorlab.gap.effects import columns_of, members
-from sensorlab.gap.filters import Signature, solve
+from sensorlab.gap.backward import solve
+from sensorlab.gap.effects import columns_of
+from sensorlab.gap.linear import Signature
+from sensorlab.gap.members import members
 from sensorlab.gap.scans import SCANS
 from sensorlab.gap.signatures import Family, scores_at
 

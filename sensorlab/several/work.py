@@ -9,11 +9,13 @@ import numpy as np
 from sensorid import (
     Parameter, allan_deviation, allan_misfit, allan_variance, decide,
     default_hypotheses, estimate_state, identify, matrices, model_allan_variance)
-from sensorlab.gap.account import as_simulated
 from sensorlab.gap.augmented import augmented
 from sensorlab.gap.blackbox import simulator_from
 from sensorlab.gap.diagnosis import diagnose
-from sensorlab.gap.effects import Scene, Simulator, simulate_effects
+from sensorlab.gap.draws import simulate_effects
+from sensorlab.gap.effects import Scene
+from sensorlab.gap.implied import as_simulated
+from sensorlab.gap.members import Simulator
 from sensorlab.gap.report import report
 from sensorlab.modelfiles import Model, check_onsets, model_text
 from sensorlab.pages import page, provenance

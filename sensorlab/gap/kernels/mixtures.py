@@ -1,7 +1,7 @@
 """Mixture filters: of records with outliers, and with a level, of the value or of the
 noise, that is one of two.
 
-Lanes, and the steps of every recursion, are those of `kernels`.
+Lanes, and the steps of every recursion, are those of `lanes`.
 """
 
 import numpy as np
@@ -9,15 +9,17 @@ from numba import njit
 from scipy.special import logsumexp
 
 from sensorid import INSIDE
-from sensorlab.gap.kernels import (
-    KERNEL, LANES, drive, exponentials, groups, in_rows, in_threads, lanes_for,
-    load, observe_covariance, observe_state, turn, turn_covariance, update_covariance,
+from sensorlab.gap.kernels.arithmetic import exponentials
+from sensorlab.gap.kernels.lanes import (
+    KERNEL, LANES, drive, groups, in_rows, in_threads, lanes_for, load,
+    observe_covariance, observe_state, turn, turn_covariance, update_covariance,
     update_state)
-from sensorlab.gap.steps import filter_steps
-from sensorlab.gap.unrolled import (
-    UNROLLED, UNROLLED_LEVELS, add_log_density, filter_levels, filter_outliers,
-    lanes_of_group, odd_and_log_score, probabilities_beside, weigh_kinds, weigh_updates)
-
+from sensorlab.gap.kernels.levels import UNROLLED_LEVELS, filter_levels
+from sensorlab.gap.kernels.outliers import UNROLLED_OUTLIERS, filter_outliers
+from sensorlab.gap.kernels.steps import filter_steps
+from sensorlab.gap.kernels.told import (
+    add_log_density, lanes_of_group, odd_and_log_score, probabilities_beside,
+    weigh_kinds, weigh_updates)
 
 HEAD = 4000        # samples of a long record that mostly tell at which level it begins
 SURE_NATS = 30.0    # by which one of the two is the likelier there
@@ -29,7 +31,7 @@ def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out, moved=0):
     a level that steps.
 
     y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), rise (M or 0, N)
-    and r (M, 1 or N) are the parts of `filters.Parts`; outlier (M, 2) = rate,
+    and r (M, 1 or N) are the parts of `parts.Parts`; outlier (M, 2) = rate,
     variance; jump (M, 5) = probabilities that the second level begins and that it ends,
     half the distance of the levels, variance that the second adds to the noise, and
     that of a step, which then begins, of the state number `moved` (the last three 0:
@@ -234,7 +236,8 @@ def _filtered(y, H, own, pair, rise, r, outlier, jump, moved, second, out):
         lanes = lanes_for(total.size, 2 * LANES)    # of every age
         in_threads(filter_steps, groups(total.size, lanes), lanes, kinds, y, H, own,
                    pair, rise, r, outlier, jump, moved, out, total)
-    elif (levels, kinds) == (1, 2) and n <= UNROLLED and not len(rise) and not away:
+    elif (levels, kinds) == (1, 2) and n <= UNROLLED_OUTLIERS and not len(
+            rise) and not away:
         in_threads(filter_outliers, some, (0,) * n, y, H, own, r, outlier, out, total)
     elif (levels, kinds) == (2, 1) and n <= UNROLLED_LEVELS and not len(
             rise) and away < 2:

@@ -5,17 +5,18 @@ have told. So one Gaussian is kept for every age that the last step may have, ag
 are alike together, the more of them the longer ago (P. Fearnhead, Z. Liu, "On-line
 inference for multiple changepoint problems", J. R. Stat. Soc. B 69, 2007, keep every
 age, or drop the unlikely ones). Lanes, and the steps of every recursion, are those of
-`kernels`.
+`lanes`.
 """
 
 import numpy as np
 from numba import njit
 
 from sensorid import INSIDE
-from sensorlab.gap.kernels import (
-    KERNEL, drive, exponentials, load, observe_covariance, observe_state, turn,
-    turn_covariance, update_covariance, update_state)
-from sensorlab.gap.unrolled import (
+from sensorlab.gap.kernels.arithmetic import exponentials
+from sensorlab.gap.kernels.lanes import (
+    KERNEL, drive, load, observe_covariance, observe_state, turn, turn_covariance,
+    update_covariance, update_state)
+from sensorlab.gap.kernels.told import (
     add_log_density, lanes_of_group, odd_and_log_score, probabilities_beside,
     weigh_kinds, weigh_updates)
 

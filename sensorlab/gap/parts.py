@@ -1,0 +1,282 @@
+"""What filters of a hypothesis with effects are made of: processes of one state and of
+two, whose sum has the covariance of its output.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sensorid import Bank, Modes, bank, brief, modes
+from sensorlab.gap.effects import BLOCK
+from sensorlab.gap.kernels.lanes import LANES
+
+NOISES = 16 * BLOCK    # variances of noise that changes that are held at a time
+
+
+def in_parts(h, scene, theta):
+    """Theta (M, p) as parts of which what changes of the noise is not too long."""
+    most = max(NOISES // len(scene.y), LANES)
+    if len(theta) <= most or (
+            not h.driven and even_bank(h, scene, theta[:1]).r.size == 1):
+        return [theta]
+    return [theta[k:k + most] for k in range(0, len(theta), most)]
+
+
+def processes(h, scene, theta):
+    """The one-state processes that a hypothesis is the sum of at theta (M, p), or that
+    have the covariance of such a sum; driven, and in white noise, as on average over
+    the record.
+    """
+    h = h.on_average
+    return Modes(*map(np.concatenate, zip(*(
+        _on_average(h, scene, part) for part in in_parts(h, scene, theta)))))
+
+
+def _on_average(h, scene, theta):
+    """`processes` of few nodes."""
+    b, change = even_bank(h, scene, theta), change_at(h, scene, theta)
+    if change:
+        b = driven_bank(b, change.states, change.times.mean(1))
+    own = modes_of(h, b)
+    return own._replace(r=own.r.mean(1, keepdims=True))
+
+
+def even_bank(h, scene, theta):
+    """`Bank` of a hypothesis at theta (M, p), its states driven evenly."""
+    even, theta = h.evenly_driven(theta)
+    b = bank(even, scene.dt, theta)
+    momentary = _momentary(b)
+    if momentary.any():
+        momentary[:h.own_states] = False    # those of effects alone
+    return _apart(_without_states(b, momentary), h.own_states)
+
+
+def _momentary(b):
+    """Which states (n,) of a bank are observed by 1 and have no memory: white noise
+    that drives others, too.
+    """
+    return ~(b.Phi.any((0, 1, 2)) | b.Phi.any((0, 1, 3))) & b.Q.any((0, 1, 3)) & (
+        b.H == 1.0).all((0, 1))
+
+
+def _without_states(b, momentary):
+    """A bank whose output has the same covariance, with white noise in place of states
+    that have no memory.
+
+    A filter knows states x and white noise of variance r by P h and f = h' P h + r
+    alone. Covariances s of x with the noise are a part of these if S is added to P, and
+    S - Phi S Phi' to Q, of which S h = s, and h's is added to r. (Such a Q may have
+    negative eigenvalues: what it stands for can be filtered, not drawn.)
+    """
+    if not momentary.any():
+        return b
+    keep, own, r = ~momentary, b.Q, b.r
+    S = np.zeros_like(b.P0)
+    for i in np.flatnonzero(momentary):
+        s = own[:, 0, :, i] * keep
+        first = np.argmax((s != 0.0).any(0))    # of a pair: it is observed by 1
+        S[:, first] += s
+        S[:, :, first] += s
+        S[:, first, first] -= s[:, first]
+        r = r + own[:, :, i, i] + s[:, first, None]
+    Phi = b.Phi[:, 0]
+    Q, P0 = own[:, 0] + S - Phi @ S @ Phi.swapaxes(1, 2), b.P0 + S
+    inside = np.ix_(range(len(S)), keep, keep)
+    return Bank(Phi[inside][:, None], Q[inside][:, None], b.H[..., keep], r,
+                b.m0[:, keep], P0[inside])
+
+
+def _apart(b, own_states):
+    """A bank whose output has the same covariance, its states without noise in common
+    with one that no other moves, or a pair of which each moves the other alone; the
+    first ones, of a hypothesis itself, may have.
+
+    As in `_without_states`, S is added to P, here with S h = 0, so that it changes
+    nothing that a filter says of its output; between a block k and others, S - Phi_k S
+    Phi' is -Q, which leaves them no covariance.
+    """
+    off = ~np.eye(b.Q.shape[-1], dtype=bool)
+    shared, moved = b.Q.any((0, 1)) & off, b.Phi.any((0, 1)) & off
+    moved |= moved.T
+    shared &= ~moved
+    shared[:own_states, :own_states] = False
+    if not shared.any() or b.Phi.shape[1] > 1 or b.Q.shape[1] > 1:
+        return b
+    parts = [*([k] for k in np.flatnonzero(~moved.any(1))),
+             *([k, k + 1] for k in range(len(moved) - 1)
+               if moved[k, k + 1] and (moved[k:k + 2].sum(1) == 1).all())]
+    # the low-pass, with which all others share theirs, is the last
+    parts = sorted(part for part in parts if shared[part].any())
+    h, Phi, Q, S = b.H[0, 0], b.Phi[:, 0], b.Q[:, 0], np.zeros_like(b.P0)
+    left = shared.copy()
+    for part in parts:
+        others = np.flatnonzero(left[part].any(0))
+        if not len(others):    # they were first
+            continue
+        left[part] = left[:, part] = False
+        at = np.ix_(range(len(S)), part, others)
+        both = np.einsum("mij, mkl -> mikjl", Phi[np.ix_(range(len(S)), part, part)],
+                         Phi[np.ix_(range(len(S)), others, others)])
+        size = len(part) * len(others)
+        S[at] = own = -np.linalg.solve(
+            np.eye(size) - both.reshape(-1, size, size), Q[at].reshape(-1, size, 1)
+        ).reshape(-1, len(part), len(others))
+        S[at[0], others[:, None], part] = own.swapaxes(1, 2)
+        _balance(S, np.array(part), own @ h[others], h)
+        _balance(S, others, h[part] @ own, h)
+    Q, P0 = Q + S - Phi @ S @ Phi.swapaxes(1, 2), b.P0 + S
+    for m in (Q, P0):
+        for part in parts:
+            for k in part:
+                m[:, k, shared[k]] = m[:, shared[k], k] = 0.0
+    return b._replace(Q=Q[:, None], P0=P0)
+
+
+def _balance(S, states, v, h):
+    """Take from matrices S (M, n, n) a symmetric one, among some states, of which the
+    product with h is v (M, m).
+    """
+    k = int(h[states].astype(bool).argmax())    # it is observed
+    first = states[k]
+    S[:, first, first] -= v[:, k] / h[first]
+    for axis, other in enumerate(states):
+        if axis != k:
+            part = v[:, axis] / h[first]
+            S[:, first, other] -= part
+            S[:, other, first] -= part
+            S[:, first, first] += part * h[other] / h[first]
+
+
+class Change(NamedTuple):
+    """Some states are not driven evenly, at M nodes."""
+
+    states: np.ndarray    # their numbers
+    times: np.ndarray     # (M, N) as large the variances of their noises are
+
+
+def change_at(h, scene, theta):
+    """`Change` of a hypothesis at theta (M, p), or None."""
+    one = h.driven
+    if not one:
+        return None
+    return Change(h.states_driven(one.effect),
+                  h.strength(one, theta)[:, :len(scene.y)]**2)
+
+
+def driven_bank(b, states, times):
+    """A bank of which some states are driven by noises of so many times (M,) the
+    variance.
+    """
+    own, factor = np.s_[..., states[:, None], states], times[:, None, None]
+    Q, P0 = b.Q.copy(), b.P0.copy()
+    Q[own] *= factor[..., None]
+    P0[own] *= factor
+    return b._replace(Q=Q, P0=P0)
+
+
+def modes_of(h, b):
+    """`Modes` of a hypothesis with this bank."""
+    own = modes(b) or equivalent_modes(b)
+    if own is None:
+        raise _refusal(h)
+    return own
+
+
+def _refusal(h):
+    return ValueError(f"{h.name} is no sum of random walks and of stationary processes "
+                      "of one state or two: only such hypotheses can be diagnosed; "
+                      "give a ramp as an effect of a random walk")
+
+
+EPSILON = np.finfo(float).eps
+SAME = 1e-8    # relative: two numbers that are equal but for rounding
+
+
+def equivalent_modes(b):
+    """`Modes` whose sum has the covariance of the output of a bank, or None where there
+    are none.
+
+    All that a filter says of its output follows from the covariance of the output.
+    That of a stationary filter is a sum of terms v a^|k|, a the eigenvalues of Phi.
+    Each is that of a process, if v may be negative (less white noise below a frequency)
+    and a complex (a band, with its conjugate): the recursions hold all the same, for
+    what such processes lack of the true covariance is constant and never seen.
+    """
+    if not b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1 or b.m0.any():
+        return None
+    a, axes = np.linalg.eig(b.Phi[:, 0])
+    if np.linalg.cond(axes).max() > 1.0 / SAME:
+        return None
+    # the states of which each is observed by 1, and their covariances
+    to = (b.H @ axes).swapaxes(1, 2) * np.linalg.inv(axes)
+    Q, P = (to @ m @ to.swapaxes(1, 2) for m in (b.Q[:, 0], b.P0))
+    apart = ~np.eye(a.shape[1], dtype=bool)
+    step = a[:, :, None] * P * a[:, None, :] + Q
+    if np.abs(step - P)[:, apart].max() > SAME * np.abs(P).max():
+        return None
+    p0 = P.sum(2)
+    q = step.sum(2) - a**2 * p0
+    if not a.imag.any():
+        a, q, p0 = a.real, q.real, p0.real
+    return Modes(a, q, p0, b.r)
+
+
+LIVES = 30.0    # time constants in a record: of a process of fewer little is known
+
+
+def leaked(own, N, back):
+    """What a spectrum of N samples of processes `own` gains (M, F) at frequencies where
+    exp(-i w) is `back` (F,), because its ends do not meet: covariances at lag k are
+    seen in 1 - |k| / N of the samples (Sykulski et al., "The debiased Whittle
+    likelihood", Biometrika 106, 2019).
+    """
+    result = np.zeros((len(own.a), len(back)))
+    for a, q in zip(own.a.T[..., None], own.q.T[..., None]):
+        if (N * (1.0 - np.abs(a)) > LIVES).all():
+            result -= 2.0 / N * (q / (1.0 - a**2) * (
+                a * back / (1.0 - a * back)**2)).real
+    return result
+
+
+class Parts(NamedTuple):
+    """Filters that fall apart into processes of one state and of two, at M nodes."""
+
+    own: np.ndarray     # (8, M, n) factors of a state and of the other one of its pair,
+                        # variances of the noises and their covariances with that of
+                        # the other, both of the states at first, and what is added
+                        # to those of the noises, `rise` times
+    pair: np.ndarray    # (n,) number of the other state, or its own
+    h: np.ndarray       # (n,) what observes the states
+    r: np.ndarray       # (M, 1 or N) variance of the white noise
+    rise: np.ndarray = np.zeros((0, 0))    # (M, N); (0, 0) where no noise changes
+
+    __repr__ = brief
+
+
+def parts_of(h, b):
+    """`Parts` of a hypothesis with this bank."""
+    n = b.Phi.shape[2]
+    timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1
+    joined = sum(np.abs(m).sum(0) for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)) > 0.0
+    joined = (joined | joined.T) & ~np.eye(n, dtype=bool)
+    if not timeless or b.m0.any() or (b.H != b.H[0]).any() or joined.sum(1).max() > 1:
+        raise _refusal(h)
+    pair = np.where(joined.any(1), joined.argmax(1), np.arange(n))
+    beside = (pair != np.arange(n)) * 1.0
+    own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
+           for part in (m[:, range(n), range(n)], m[:, range(n), pair] * beside)]
+    return Parts(np.array([*own, *np.zeros((2, *own[0].shape))]), pair, b.H[0, 0], b.r)
+
+
+def parts_at(h, scene, theta, b=None):
+    """`Parts` of a hypothesis at theta (M, p), with a change of the noise of its
+    states; b is its bank, if it is known.
+    """
+    one = parts_of(h, even_bank(h, scene, theta) if b is None else b)
+    change = change_at(h, scene, theta)
+    if not change:
+        return one
+    one.own[6:, :, change.states] = one.own[2:4, :, change.states]
+    if h.driven.effect.of_white:    # a low-pass was at rest with the noise at first
+        one.own[4:6, :, change.states] *= change.times[:, :1]
+    return one._replace(rise=change.times - 1.0)

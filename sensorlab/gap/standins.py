@@ -1,0 +1,133 @@
+"""What stands in for jumps where all must be Gaussian: a mask for sure outliers, a
+process for a level of two values, a variance for bursts.
+"""
+
+import functools
+
+import numpy as np
+from scipy.stats import binom
+
+from sensorlab.gap.backward import solve
+from sensorlab.gap.effects import Effect, Found, fixed
+from sensorlab.gap.filters import predict
+from sensorlab.gap.kernels.mixtures import smoothed
+from sensorlab.gap.linear import estimated
+from sensorlab.gap.processes import beside, join
+
+
+def on_second(seen, jumps):
+    """Probability (N,) that samples have the second level, by all of them."""
+    return smoothed(seen.second[0, 0], jumps.begin[0], jumps.end[0])
+
+
+def level_as_noise(scene, filt, change, half):
+    return beside(filt, [1.0 - 2.0 * change], [half])
+
+
+def steps_as_walk(scene, filt, sigma_w):
+    return join(filt, (1.0, sigma_w, 0.0))
+
+
+def _louder_at_times(scene, filt, variance, share):
+    return filt._replace(Psi=np.sqrt(filt.Psi**2 + share * variance))
+
+
+LEVEL_AS_NOISE = Effect("level_as_noise", model=level_as_noise, elementwise=True)
+STEPS_AS_WALK = Effect("steps_as_walk", model=steps_as_walk, elementwise=True)
+
+
+def _louder(share):
+    """The effect of a noise that is there with a probability (N,)."""
+    always, on_average = (functools.partial(_louder_at_times, share=part)
+                          for part in (share, share.mean()))
+    return Effect("louder_at_times", model=always, on_average=on_average,
+                  elementwise=True, comes_last=True)
+
+
+def gaussian(scene, acc):
+    """Scene and hypotheses without jumps: sure outliers are masked, a level of two
+    values becomes the Markov process of its covariance, steps become a walk, bursts a
+    variance at their times.
+    """
+    if not acc.member.has_jumps:
+        return scene, acc.hypotheses
+    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
+    masked = scene._replace(y=np.where(seen.odd[0, 0] > 0.5, np.nan, scene.y))
+    plain, own = [], acc.member.jumps(acc.theta[None])
+    louder = _louder(on_second(seen, own)) if own.louder[0] else None
+    for h in acc.hypotheses:    # one that cannot be may not know what jumps
+        effects = tuple(one for one in h.effects if not one.effect.jumps)
+        if own.half[0] > 0.0:
+            effects += (Found(LEVEL_AS_NOISE, values=fixed(change=own.begin[0],
+                                                           half=own.half[0])),)
+        if own.step[0] > 0.0:
+            effects += (Found(STEPS_AS_WALK, values=fixed(sigma_w=own.sigma_w[0])),)
+        if louder:
+            effects += (Found(louder, values=fixed(variance=own.louder[0])),)
+        plain.append(h._replace(effects=effects))
+    return masked, tuple(plain)
+
+
+CLUSTER = 16         # samples, in which outliers may come together
+BY_CHANCE = 1e-3    # that as many do somewhere in a record
+SURE = 0.98         # which of two levels a sample has
+MOSTLY = 0.95       # of the samples, if the level is known
+
+
+def for_signatures(scene, acc, stand_in):
+    """Scene and hypotheses without jumps in which signatures are sought: those that
+    `gaussian` gives, but outliers in clusters that independent ones do not make are
+    back: a signature may explain all of them at once.
+    """
+    plain, hypotheses = stand_in
+    if plain is not scene:
+        plain = _with_clusters(scene, plain, acc.member.jumps(acc.theta[None]).rate[0])
+    return plain, hypotheses
+
+
+def for_processes(scene, acc, stand_in):
+    """Scene and hypotheses without jumps in which processes are sought: those that
+    `gaussian` gives, but a level that is known is taken away.
+
+    Where it is taken for the other one, that looks like a pulse, but like no process.
+    """
+    plain, hypotheses = stand_in
+    jumps = acc.member.jumps(acc.theta[None])
+    if not jumps.half[0]:
+        return plain, hypotheses
+    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
+    second = on_second(seen, jumps)
+    known = np.maximum(second, 1.0 - second) > SURE
+    if known.mean() < MOSTLY:
+        return plain, hypotheses
+    level = np.where(known, jumps.half[0] * np.sign(second - 0.5), np.nan)
+    return plain._replace(y=plain.y - level), tuple(h._replace(effects=tuple(
+        one for one in h.effects if one.effect is not LEVEL_AS_NOISE))
+        for h in hypotheses)
+
+
+def _with_clusters(scene, masked, rate):
+    """A scene with samples back that are masked as outliers of a rate."""
+    window, odd = np.ones(CLUSTER), np.isnan(masked.y) & ~np.isnan(scene.y)
+    many = np.convolve(odd, window, "same") > binom.isf(
+        BY_CHANCE / len(odd), CLUSTER, rate)
+    near = np.convolve(many, window, "same") > 0.5
+    return masked._replace(y=np.where(near, scene.y, masked.y))
+
+
+def solved_by(acc, scene):
+    """`Solved` of the most probable hypothesis of an account, at its theta; of what
+    stands in for jumps, where it has some.
+    """
+    plain, hypotheses = gaussian(scene, acc)
+    h = hypotheses[acc.best]
+    return solve(h, plain, acc.signatures, acc.member.matching(h, acc.theta)[None])
+
+
+def bias_of(acc, scene):
+    """Expectation and standard deviation of the bias of a record, u."""
+    masked, hypotheses = gaussian(scene, acc)
+    plain = hypotheses[acc.best]
+    told = estimated(plain, masked, acc.signatures,
+                     acc.member.matching(plain, acc.theta)[None])
+    return float(told.size[0, 0, -1]), float(np.sqrt(told.covariance[0, 0, -1, -1]))
