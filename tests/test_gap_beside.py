@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
-from sensorlab.gap import account, effects, standins
+from sensorlab.gap import account, standins
+from sensorlab.gap.effects import fixed
 
 SIZES = dict(
     bandwidth=dict(tau=2.0), noise_step=dict(onset=1500.0, ratio=1.8),
@@ -24,7 +25,7 @@ SAMPLES = dict(bias_instability=6000)    # 3000 may resemble one process
 
 def effect(name):
     values, one = SIZES[name], CATALOGUE[name]
-    return Found(one, values=values if one.columns else effects.fixed(**values))
+    return Found(one, values=values if one.columns else fixed(**values))
 
 
 @pytest.mark.large
@@ -60,7 +61,7 @@ def test_what_is_strong_does_not_keep_another_from_being_sought(names):
                   random_steps=dict(dwell=200.0, sigma=2.0),
                   sinusoid=dict(frequency=0.077, amplitude=0.25, phase=0.3))
     effects = [Found(CATALOGUE[name], values=values[name] if CATALOGUE[name].columns
-                     else effects.fixed(**values[name])) for name in names]
+                     else fixed(**values[name])) for name in names]
     truth = sensorid.hypothesis("random_walk", sigma_w=0.02, sigma_v=0.5)
     ranges = sensorid.hypothesis("random_walk", sigma_w=(0.01, 0.05),
                                  sigma_v=(0.25, 1.0), bias_sigma=5.0)

@@ -15,7 +15,8 @@ from scipy import signal
 import sensorid
 import sensorlab
 from sensorlab import Found, Scene
-from sensorlab.gap import account, causes, effects, known, members, pairs, tuning, words
+from sensorlab.gap import account, causes, known, members, pairs, tuning, words
+from sensorlab.gap.effects import fixed
 from sensorlab.gap.verdict import SLIGHT
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
@@ -318,7 +319,7 @@ def test_noise_that_grows_is_no_step(low_passed):
 def test_a_simulator_whose_low_passed_noise_changes_twice_is_refused():
     x, y = np.arange(300.0), np.random.default_rng(1).standard_normal(300)
     effects = tuple(
-        sensorlab.Found(sensorlab.CATALOGUE[name], column, values=effects.fixed(**own))
+        sensorlab.Found(sensorlab.CATALOGUE[name], column, values=fixed(**own))
         for name, column, own in (
             ("bandwidth", "", dict(tau=2.0)),
             ("noise_step", "", dict(onset=200.0, ratio=2.0)),
@@ -362,7 +363,7 @@ def test_a_wrong_parameter_is_named_once():
             ("bandwidth", "digital", dict(tau=1.5)),
             ("correlated_noise", "", dict(tau=6.0, sigma=0.5))))])
 def test_a_colour_is_named(effect, variant, values):
-    y = white_with(Found(EFFECTS[effect], "", variant, effects.fixed(**values)),
+    y = white_with(Found(EFFECTS[effect], "", variant, fixed(**values)),
                    samples=1500, seed=11)
     d = sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE)
     assert d.verdict == effect
@@ -385,7 +386,7 @@ def test_a_saved_model_says_how_well_it_is_known(effect, variant, values, seed):
     """A record ten times as long shows by how much a number would be off."""
     sensor = sensorlab.Simulator(
         (sensorid.hypothesis("white_noise", sigma_v=1.0),),
-        ((Found(EFFECTS[effect], "", variant, effects.fixed(**values)),),))
+        ((Found(EFFECTS[effect], "", variant, fixed(**values)),),))
     first, again = (sensorlab.simulate_effects(
         sensor, Scene(np.zeros(n), 1.0, {}), seed=seed + n).error[0]
         for n in (1000, 10000))
@@ -418,9 +419,9 @@ def test_the_frequency_of_a_line_within_a_range_is_that_of_the_record():
 
 @pytest.mark.large
 def test_another_form_of_a_low_pass_is_a_wrong_parameter():
-    low_pass = Found(EFFECTS["bandwidth"], "", "first order", effects.fixed(tau=0.6))
+    low_pass = Found(EFFECTS["bandwidth"], "", "first order", fixed(tau=0.6))
     simulator = sensorlab.Simulator(tuple(WHITE_OF_A_RANGE), ((low_pass,),))
-    y = white_with(low_pass._replace(variant="digital", values=effects.fixed(tau=1.5)),
+    y = white_with(low_pass._replace(variant="digital", values=fixed(tau=1.5)),
                    samples=1500, seed=11)
     d = sensorlab.diagnose(y, DT, simulator)
     assert d.verdict == "wrong_parameter"
@@ -457,7 +458,7 @@ def test_a_change_of_what_drives_a_walk_is_named(ratio, tmp_path):
 
 @pytest.mark.large
 def test_two_bands_are_two_and_stay_two_in_a_file(tmp_path):
-    bands = [Found(EFFECTS["narrow_band_noise"], values=effects.fixed(
+    bands = [Found(EFFECTS["narrow_band_noise"], values=fixed(
         frequency=f, tau=25.0, sigma=0.5)) for f in (0.07, 0.31)]
     y = white_with(*bands, samples=1500, seed=5)
     (h,) = members.members(sensorlab.Simulator(WHITE, (bands,)), Scene(y, DT, {}))
@@ -492,7 +493,7 @@ def test_a_parameter_of_an_effect_of_the_simulator_may_be_wrong(known_to):
     band, h = sensorlab.CATALOGUE["narrow_band_noise"], sensorid.hypothesis(
         "white_noise", sigma_v=0.5)
     said, true = (sensorlab.Simulator((h,), ((Found(band, values={
-        **effects.fixed(tau=20.0 * DT, sigma=0.3),
+        **fixed(tau=20.0 * DT, sigma=0.3),
         "frequency": sensorid.Parameter("frequency", f - off, f + off)}),),))
         for f, off in ((0.2 / DT, known_to / DT), (0.25 / DT, 0.0)))
     y = sensorlab.simulate_effects(true, Scene(np.zeros(2000), DT, {}), seed=8).error[0]
@@ -512,7 +513,7 @@ LINE = dict(frequency=0.073 / DT, amplitude=0.6, phase=sensorid.Parameter(
 
 @pytest.mark.parametrize("factor", [0.0, large(0.4), 1.0, 2.0])
 def test_the_amplitude_of_a_line_of_any_phase_is_held_against_a_record(factor):
-    line = Found(EFFECTS["sinusoid"], values={**effects.fixed(
+    line = Found(EFFECTS["sinusoid"], values={**fixed(
         frequency=LINE["frequency"], amplitude=LINE["amplitude"]),
         "phase": LINE["phase"]})
     h = sensorid.hypothesis("white_noise", sigma_v=1.0)

@@ -7,12 +7,13 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 
 from sensorlab import CATALOGUE, Found, Scene
-from sensorlab.gap import account, effects, evidence, filters, spectra
+from sensorlab.gap import account, evidence, filters, spectra
+from sensorlab.gap.effects import fixed
 
 
 def with_band(n=600, **values):
     """Scene of white noise with a band; its hypothesis without and with one."""
-    band = Found(CATALOGUE["narrow_band_noise"], values=effects.fixed(**values))
+    band = Found(CATALOGUE["narrow_band_noise"], values=fixed(**values))
     scene = Scene(white_with(band, samples=n, seed=3), DT, {})
     (h,) = WHITE_OF_A_RANGE
     return scene, member(scene, h), member(scene, h, "narrow_band_noise")
