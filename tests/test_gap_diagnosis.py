@@ -477,6 +477,21 @@ def test_two_bands_are_two_and_stay_two_in_a_file(tmp_path):
     assert sensorlab.diagnose(y, DT, saved).verdict in ("none", "undecided")
 
 
+def test_noise_that_is_louder_beside_outliers_is_a_wrong_parameter():
+    # beside jumps an effect is fitted again: what both gain there is measured alike
+    rng = np.random.default_rng(1)
+    white, walk, odd = rng.standard_normal((3, 1500))
+    y = 1.3 * (0.5 * white + np.cumsum(0.01 * walk)
+               + 4.0 * odd * (rng.random(1500) < 0.005))
+    h = sensorid.hypothesis("random_walk", sigma_w=(0.004, 0.02), sigma_v=(0.48, 0.51),
+                            bias_sigma=1.0)
+    jumps = Found(EFFECTS["outliers"], values=dict(
+        rate=sensorid.Parameter("rate", 0.002, 0.01),
+        sigma=sensorid.Parameter("sigma", 2.5, 8.0)))
+    d = sensorlab.diagnose(y, DT, sensorlab.Simulator((h,), ((jumps,),)))
+    assert d.verdict == "wrong_parameter"
+
+
 def test_a_wrong_parameter_is_named_with_its_factor():
     wrong = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=7.0)]
     true = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)]

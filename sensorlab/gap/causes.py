@@ -16,7 +16,8 @@ from sensorlab.gap.filters import log_likelihoods
 from sensorlab.gap.inside import Inside, rests_on_rounding, with_filters
 from sensorlab.gap.linear import part_of
 from sensorlab.gap.lowpass import families_passing, low_pass_of
-from sensorlab.gap.rival import MATTERS, Rival, floor_of, least_told, with_signature
+from sensorlab.gap.rival import (
+    MATTERS, Rival, floor_of, least_told, log_bayes_over, with_signature)
 from sensorlab.gap.signatures import families
 from sensorlab.gap.standins import for_processes, for_signatures, gaussian
 from sensorlab.gap.wrong import (
@@ -322,7 +323,8 @@ def _with_best(inside, plain, reference, rivals, signatures, glimpsed, by_chance
             if plain is not scene and one.family:
                 none, some = none + seen_elsewhere(one, glimpsed), glimpsed
             new = _account_with(scene, plain, acc, one, some, none + HOPELESS_NATS)
-            known[key] = one.account, new, new.log_evidence - none    # it stays alive
+            known[key] = one.account, new, (    # it stays alive
+                new.log_evidence - none if one.family else log_bayes_over(new, acc))
         return known[key][1:]
 
     def seen_elsewhere(one, some):
