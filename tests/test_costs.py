@@ -88,7 +88,7 @@ def test_the_line_on_a_terminal_tells_what_is_done_and_what_remains(terminal):
         show(2.5, 10.0, "looking")
     assert terminal().split("\r")[2::2] == [
         "[....................] measuring", "[#####...............] looking, about "
-        "2 min left", ""]
+        "2 min left, or more", ""]
 
 
 def test_nothing_is_shown_where_nobody_looks(capsys):

@@ -47,7 +47,8 @@ def progress_line(clock=time.monotonic):
         passed = clock() - started
         if passed < PATIENCE or not done:
             return ""
-        return f", about {in_words(passed * (total - done) / done)} left"
+        # whatever is found is followed by another look
+        return f", about {in_words(passed * (total - done) / done)} left, or more"
     try:
         yield show
     finally:
