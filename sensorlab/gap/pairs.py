@@ -17,7 +17,7 @@ from sensorlab.gap.effects import Found
 from sensorlab.gap.filters import log_likelihoods
 from sensorlab.gap.kernels.arithmetic import row_products
 from sensorlab.gap.linear import Signature, filter_of, part_of
-from sensorlab.gap.rival import with_signature
+from sensorlab.gap.rival import log_bayes_over, with_signature
 from sensorlab.gap.screens import HEAD, LAWS, LITTLE
 from sensorlab.gap.signatures import Family, columns_at, families
 from sensorlab.gap.standins import gaussian
@@ -130,8 +130,9 @@ def _ever_better(scene, acc, beside, effects, own, first=None, least=0.0):
         other = next(c for c in look.causes if c.found)
         gain = look.account.log_evidence - beside.log_evidence
         # a process was sought where no jumps are: beside them it may be worth more
-        log_bayes = other.log_bayes if (other.found[0].effect.columns
-                                        or not beside.member.has_jumps) else gain
+        log_bayes = other.log_bayes if (
+            other.found[0].effect.columns or not beside.member.has_jumps
+        ) else log_bayes_over(look.account, beside)
         if found:
             if worth + log_bayes < best + EVEN_BETTER:
                 return
