@@ -391,18 +391,18 @@ def _seen_elsewhere(scene, acc, plain, reference, rival, one, found):
         values={**found.values, "onset": (mean + away, sd)}))
 
 
-MOST_RAISED = 3    # signatures nearly as good as the best: one alone would gain on them
+MOST_RAISED = 3    # rivals nearly as good as the best: one alone would gain on them
 
 
 def _seen_by_jumps(rivals, account_with):
     """The best of the rivals that were sought where something stands in for jumps,
-    signatures and a process, where the filter with jumps sees more of them.
+    signatures and processes, where the filter with jumps sees more of them.
     """
     for listed in True, False:
         own = sorted((k for k, one in enumerate(rivals) if not one.effect.jumps
                       and (one.family > 0) == listed and (
                           listed or one.account and one.effect.model)),
-                     key=lambda k: -rivals[k].log_bayes)[:MOST_RAISED if listed else 1]
+                     key=lambda k: -rivals[k].log_bayes)[:MOST_RAISED]
         least = max(rivals[own[0]].log_bayes - MATTERS, 0.0) if own else 0.0
         for k in own:
             if k != own[0] and rivals[k].log_bayes < least:
