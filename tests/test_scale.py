@@ -46,8 +46,9 @@ def test_a_dask_cluster_gives_the_same_bits(serial):
 TWO_STATES_AND_A_BAND = """
 import numpy as np, sensorid
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.effects import Scene, Simulator, members
+from sensorlab.gap.effects import Scene
 from sensorlab.gap.filters import log_likelihoods
+from sensorlab.gap.members import Simulator, members
 y = np.random.default_rng(1).standard_normal(1500)
 scene = Scene(y, 0.01, {})
 h = members(Simulator(sensorid.default_hypotheses(y, 0.01, ["markov"])), scene)[0]
