@@ -47,6 +47,24 @@ def test_what_is_missing_is_named_beside_what_is_known(known, missing):
             assert abs(mean - SIZES[missing][symbol]) < 4.0 * sd, symbol
 
 
+@pytest.mark.parametrize("missing", [
+    dict(name="bias_step", onset=1500.0, size=0.6),
+    dict(name="correlated_noise", tau=30.0, sigma=0.3), dict(name="rate_ramp",
+                                                             slope=3e-4)])
+def test_a_level_of_two_values_does_not_hide_what_is_slow(missing):
+    one = CATALOGUE[missing.pop("name")]
+    level = Found(CATALOGUE["random_telegraph"], values=fixed(dwell=150.0, size=1.0))
+    white = sensorid.hypothesis("white_noise", sigma_v=(0.4, 0.8), bias_sigma=2.0)
+    truth = sensorid.hypothesis("white_noise", sigma_v=0.6, bias_sigma=2.0)
+    added = Found(one, values=missing if one.columns else fixed(**missing))
+    (y,) = simulate_effects(Simulator((truth,), ((level, added),)), Scene(
+        np.zeros(3000), DT, {}), seed=4).error
+    d = sensorlab.diagnose(y, DT, Simulator((white,), ((level,),)))
+    assert d.verdict == one.name, d.causes[:3]
+    for symbol, (mean, sd) in d.found[0].values.items():
+        assert abs(mean - missing[symbol]) < 4.0 * sd < 2.0 * missing[symbol], symbol
+
+
 def test_a_process_is_found_beside_a_change_of_noise_at_an_unknown_time():
     made = generator.record(2026, 1370, ("correlated_noise", "noise_step"), 3)
     d = diagnosed(made, effects=[CATALOGUE[name] for name in made["truth"]])
@@ -80,9 +98,8 @@ def test_outliers_that_come_together_are_not_masked():
     assert_array_equal(np.flatnonzero(np.isnan(told.y)), np.sort(alone))
 
 
-def for_processes(scene, h):
-    acc = account.account(scene, [h])
-    return standins.for_processes(scene, acc, standins.gaussian(scene, acc))
+def stand_in(scene, h):
+    return standins.stand_in(scene, account.account(scene, [h]))
 
 
 def test_a_level_that_is_known_is_taken_away():
@@ -92,7 +109,7 @@ def test_a_level_that_is_known_is_taken_away():
     white = sensorid.hypothesis("white_noise", sigma_v=(0.1, 1), bias_sigma=0.0)
     scene = Scene(y, DT, {})
     h = member(scene, white, "random_telegraph")
-    plain, (own,) = for_processes(scene, h)
+    plain, (own,) = stand_in(scene, h)
     seen = ~np.isnan(plain.y)
     assert seen.mean() > 0.95 and not own.effects
     assert_allclose(plain.y[seen], (y - level)[seen], atol=0.1)
@@ -100,6 +117,6 @@ def test_a_level_that_is_known_is_taken_away():
     scene = Scene(level + 3.0 * rng.standard_normal(1000), DT, {})
     h = member(scene, sensorid.hypothesis("white_noise", sigma_v=(1, 5)),
                "random_telegraph").fixed({("random_telegraph", "size"): 2.0})
-    plain, (own,) = for_processes(scene, h)
+    plain, (own,) = stand_in(scene, h)
     assert not np.isnan(plain.y).any()
     assert [one.name for one in own.effects] == ["level_as_noise"]

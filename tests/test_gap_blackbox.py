@@ -307,6 +307,20 @@ def test_a_stronger_effect_than_theirs_is_not_shared():
     assert d.verdict == "outliers"
 
 
+@pytest.mark.parametrize("effect", ["noise_ramp", "noise_sensitivity"])
+def test_noise_that_follows_something_is_sought_in_the_simulators_record(effect):
+    rng, turn = np.random.default_rng(1), np.linspace(-1.0, 1.0, 2000)
+    theirs, y = rng.standard_normal((2, 2000))
+    columns = {}
+    if effect == "noise_sensitivity":
+        turn = np.sin(4.0 * np.pi * turn)
+        columns = dict(temperature=25.0 + 5.0 * turn)
+    simulator = sensorlab.simulator_from(theirs[None], DT, columns)
+    d = sensorlab.diagnose(y * 1.7**turn, DT, simulator, columns,
+                           simulated=theirs[None])
+    assert d.verdict == effect
+
+
 def behind_a_filter(rng, tau, lsb, n=2000):
     """White noise of variance 1 before a low-pass, then rounded."""
     a = np.exp(-0.01 / tau)

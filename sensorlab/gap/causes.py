@@ -19,7 +19,7 @@ from sensorlab.gap.lowpass import families_passing, low_pass_of
 from sensorlab.gap.rival import (
     MATTERS, Rival, floor_of, least_told, log_bayes_over, with_signature)
 from sensorlab.gap.signatures import families
-from sensorlab.gap.standins import for_processes, for_signatures, gaussian
+from sensorlab.gap.standins import stand_ins
 from sensorlab.gap.wrong import (
     with_wrong_parameters, with_wrong_scale, with_wrong_sizes)
 
@@ -169,8 +169,8 @@ def _sought(scene, acc, effects, processes=True, known=NO_OTHER):
     if acc.member.steps:    # what begins at some time is one more step, or two
         effects = [e for e in effects if not (e.columns and e.search in (
             "onset", "pulse"))]
-    stand_in = gaussian(scene, acc)
-    plain, reference = _without_jumps(scene, acc, for_signatures(scene, acc, stand_in))
+    for_signatures, for_others = stand_ins(scene, acc)
+    plain, reference = _without_jumps(scene, acc, for_signatures)
     listed = families(plain, effects, acc.signatures)
     low_pass = low_pass_of(acc.member, acc.theta)
     if low_pass:
@@ -180,8 +180,7 @@ def _sought(scene, acc, effects, processes=True, known=NO_OTHER):
     samples = directed(plain, reference, listed, grids=(grids := {}),
                        least=0.0 if name else least_told(best))
     rivals = _with_signatures(listed, samples)
-    even, of_even = _without_jumps(
-        scene, acc, for_processes(scene, acc, stand_in), (plain, reference))
+    even, of_even = _without_jumps(scene, acc, for_others, (plain, reference))
     inside = Inside(scene, even, acc, of_even)
     rivals += with_filters(inside, effects, processes, max(
         [best, *(one.log_bayes for one in rivals)]), name)

@@ -16,7 +16,8 @@ from sensorlab.gap.filters import predict
 from sensorlab.gap.implied import as_simulated, in_place
 from sensorlab.gap.parts import processes
 from sensorlab.gap.readings import as_read
-from sensorlab.gap.standins import LEVEL_AS_NOISE, STEPS_AS_WALK, gaussian
+from sensorlab.gap.standins import (
+    LEVEL_AS_NOISE, STEPS_AS_WALK, gaussian, stand_in)
 from sensorlab.gap.words import outstanding
 
 
@@ -251,7 +252,7 @@ BINS = 12    # parts of the samples that tell as much each of a size
 def _added(d):
     """`Added` of every signature that was found, in the order found."""
     acc = d.final
-    masked, hypotheses = gaussian(as_read(d.scene, acc.readings), acc)
+    masked, hypotheses = stand_in(as_read(d.scene, acc.readings), acc)
     h = hypotheses[acc.best]
     theta = acc.member.matching(h, d.after.theta)[None]
     (effects,) = as_simulated(acc, d.scene, d.after.theta).effects

@@ -6,7 +6,7 @@ from sensorid import Parameter
 from sensorlab.gap.effects import Effect, Found, fixed, known_values, signature_of
 from sensorlab.gap.linear import estimated
 from sensorlab.gap.members import Simulator
-from sensorlab.gap.standins import gaussian
+from sensorlab.gap.standins import stand_in
 
 
 def as_simulated(acc, scene, theta, widths=None):
@@ -86,7 +86,7 @@ def with_sizes(acc, scene, thetas):
     """
     if not acc.signatures:
         return [[]] * len(thetas)
-    masked, hypotheses = gaussian(scene, acc)
+    masked, hypotheses = stand_in(scene, acc)
     plain = hypotheses[acc.best]
     at = np.array([acc.member.matching(plain, theta) for theta in thetas])
     return [_sized(acc.signatures, iter(sizes)) for sizes in estimated(

@@ -20,7 +20,7 @@ from sensorlab.gap.linear import Signature, filter_of, part_of
 from sensorlab.gap.rival import log_bayes_over, with_signature
 from sensorlab.gap.screens import HEAD, LAWS, LITTLE
 from sensorlab.gap.signatures import Family, columns_at, families
-from sensorlab.gap.standins import gaussian
+from sensorlab.gap.standins import stand_in
 
 ONSETS = 48          # of a step
 ENDS = 24            # onsets of what lasts
@@ -163,7 +163,7 @@ class _Form(NamedTuple):
 
 def _starts(scene, acc, forms, least):
     """The better `Signature` of each of the best pairs, no two of the same effects."""
-    plain, hypotheses = gaussian(scene, acc)
+    plain, hypotheses = stand_in(scene, acc)
     h, gap = hypotheses[acc.best], np.isnan(plain.y)
     own = filter_of(h, plain, acc.signatures, acc.member.matching(h, acc.theta), gap)
     edges = np.arange(min(len(gap), BINS)) * len(gap) // min(len(gap), BINS)

@@ -12,7 +12,7 @@ from sensorlab.gap.lowpass import low_pass_of, signature_passing
 from sensorlab.gap.readings import as_read
 from sensorlab.gap.rival import different, values_of
 from sensorlab.gap.screens import HEAD
-from sensorlab.gap.standins import gaussian
+from sensorlab.gap.standins import stand_in
 from sensorlab.gap.wrong import (
     column_of, factor_of, form_of, held_by, is_single, wrong_key)
 
@@ -25,7 +25,7 @@ def estimated_together(full, acc, path):
         return path
     result, at = [], len(acc.signatures) - sum(
         bool(one.effect.columns) for one in path.found)
-    scene, hypotheses = gaussian(as_read(full, acc.readings), acc)
+    scene, hypotheses = stand_in(as_read(full, acc.readings), acc)
     h = hypotheses[acc.best]
     nodes = np.array([acc.member.matching(h, theta)
                       for theta in acc.sample.nodes(nodes_for(scene) // 2)])

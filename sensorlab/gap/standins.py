@@ -71,39 +71,44 @@ def gaussian(scene, acc):
 CLUSTER = 16         # samples, in which outliers may come together
 BY_CHANCE = 1e-3    # that as many do somewhere in a record
 SURE = 0.98         # which of two levels a sample has
-MOSTLY = 0.95       # of the samples, if the level is known
+MOSTLY = 0.5        # of the samples, if the level is known
 
 
-def for_signatures(scene, acc, stand_in):
-    """Scene and hypotheses without jumps in which signatures are sought: those that
-    `gaussian` gives, but outliers in clusters that independent ones do not make are
-    back: a signature may explain all of them at once.
+def stand_in(scene, acc):
+    """Scene and hypotheses without jumps in which another effect is sought or sized:
+    those that `gaussian` gives, but a level that is known is taken away. Noise of its
+    covariance would hide what is slow.
     """
-    plain, hypotheses = stand_in
-    if plain is not scene:
-        plain = _with_clusters(scene, plain, acc.member.jumps(acc.theta[None]).rate[0])
-    return plain, hypotheses
+    return stand_ins(scene, acc)[1]
 
 
-def for_processes(scene, acc, stand_in):
-    """Scene and hypotheses without jumps in which processes are sought: those that
-    `gaussian` gives, but a level that is known is taken away.
-
-    Where it is taken for the other one, that looks like a pulse, but like no process.
+def stand_ins(scene, acc):
+    """Those for signatures and, as `stand_in` gives them, for all others: for
+    signatures, outliers in clusters that independent ones do not make are back, as one
+    may explain all of them at once.
     """
-    plain, hypotheses = stand_in
+    plain, hypotheses = gaussian(scene, acc)
+    if plain is scene:
+        return 2 * ((scene, hypotheses),)
     jumps = acc.member.jumps(acc.theta[None])
-    if not jumps.half[0]:
-        return plain, hypotheses
-    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
-    second = on_second(seen, jumps)
-    known = np.maximum(second, 1.0 - second) > SURE
-    if known.mean() < MOSTLY:
-        return plain, hypotheses
-    level = np.where(known, jumps.half[0] * np.sign(second - 0.5), np.nan)
-    return plain._replace(y=plain.y - level), tuple(h._replace(effects=tuple(
+    together = _with_clusters(scene, plain, jumps.rate[0])
+    level = _level(scene, acc, jumps) if jumps.half[0] else None
+    if level is None:
+        return (together, hypotheses), (plain, hypotheses)
+    less = tuple(h._replace(effects=tuple(
         one for one in h.effects if one.effect is not LEVEL_AS_NOISE))
         for h in hypotheses)
+    return tuple((own._replace(y=own.y - level), less) for own in (together, plain))
+
+
+def _level(scene, acc, jumps):
+    """The level (N,) of two values, NaN where it is not sure; None if it seldom is."""
+    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
+    second = on_second(seen, jumps)
+    sure = np.maximum(second, 1.0 - second) > SURE
+    if sure.mean() < MOSTLY:
+        return None
+    return np.where(sure, jumps.half[0] * np.sign(second - 0.5), np.nan)
 
 
 def _with_clusters(scene, masked, rate):
@@ -119,14 +124,14 @@ def solved_by(acc, scene):
     """`Solved` of the most probable hypothesis of an account, at its theta; of what
     stands in for jumps, where it has some.
     """
-    plain, hypotheses = gaussian(scene, acc)
+    plain, hypotheses = stand_in(scene, acc)
     h = hypotheses[acc.best]
     return solve(h, plain, acc.signatures, acc.member.matching(h, acc.theta)[None])
 
 
 def bias_of(acc, scene):
     """Expectation and standard deviation of the bias of a record, u."""
-    masked, hypotheses = gaussian(scene, acc)
+    masked, hypotheses = stand_in(scene, acc)
     plain = hypotheses[acc.best]
     told = estimated(plain, masked, acc.signatures,
                      acc.member.matching(plain, acc.theta)[None])

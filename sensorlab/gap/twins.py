@@ -106,8 +106,8 @@ class Twins:
         free = {p.symbol: p for p in effect.effect.parameters(self.scenes[0])}
         there = {symbol: _within(p, values(symbol), acc.sample.weight)
                  for symbol, p in free.items()}
-        (there, _), (each, as_each) = (self._with(effect._replace(values=own))
-                                       for own in (there, free))
+        (there, _), (each, as_each) = (self._with(effect._replace(
+            values={**effect.values, **own})) for own in (there, free))
         return Have(float(probabilities([there, 0.0, each])[0]), as_each[0])
 
     def _with(self, effect):
