@@ -1,5 +1,6 @@
 """The search for a set of effects: what is exchanged, and what may stand instead."""
 
+import math
 import types
 
 import pytest
@@ -113,6 +114,33 @@ def test_what_happens_at_many_times_has_none_each():
                                 lambda _: many) is not None
 
 
+@pytest.mark.parametrize("least, count", [(-math.inf, 3), (60.0, 3), (70.0, 2)])
+def test_a_search_ends_where_a_better_path_is_out_of_reach(monkeypatch, least, count):
+    # eight looks at most: 40 and 4 nats have been found, six more of 4 are left
+    asked, gains = [], [40.0, 4.0, 0.0]
+
+    def look(*_, **__):
+        gain = gains[len(asked)]
+        asked.append(gain)
+        if not gain:
+            return Further((cause(),), None, 0.0)
+        return Further((cause("bias_step", log_bayes=gain), cause(probability=0.0)),
+                       account(gain), 0.0)
+    monkeypatch.setattr(search, "further_causes", look)
+    monkeypatch.setattr(search, "_or_a_pair", lambda scene, acc, look, *_: look)
+    monkeypatch.setattr(search, "_without_needless", lambda full, acc, path, leaves,
+                        prior: (acc, {}, path, leaves))
+    monkeypatch.setattr(search, "in_best_forms", lambda full, acc, found: acc)
+    monkeypatch.setattr(search, "stays_needed", lambda *_: True)
+    monkeypatch.setattr(search, "_exchanged", lambda *_: None)
+    monkeypatch.setattr(search, "pushes", lambda acc: False)
+    monkeypatch.setattr(search, "as_read", lambda full, readings: full)
+    after = types.SimpleNamespace(p_value=0.5)
+    search.search(None, account(0.0), cause(), [EFFECTS["bias_step"]], after,
+                  lambda *_: after, least=least)
+    assert len(asked) == count
+
+
 def test_a_search_beside_few_steps_may_go_on_from_these():
     few = searched(60.0, cause("bias_step"))._replace(
         after=types.SimpleNamespace(p_value=0.1), account=account(0.0))
@@ -124,7 +152,7 @@ def test_a_search_beside_few_steps_may_go_on_from_these():
         return searched(70.0, cause("bias_step", "pulse"))
     effects = [EFFECTS["bias_step"]]
     found = search.beside_steps(None, done, again, effects)
-    assert asked == [(effects, few.account, few.path)]
+    assert asked == [(effects, few.account, few.path, 50.0)]
     assert found.path.effects == ("bias_step", "pulse")
     assert search.beside_steps(None, done._replace(other=few._replace(
         after=types.SimpleNamespace(p_value=0.5))), again, effects).path is few.path

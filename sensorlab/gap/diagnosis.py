@@ -160,8 +160,8 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         return _described(full, done, before, measured)
 
     def sought(acc, path, effects):
-        def again(effects, acc=acc, path=path):
-            return search(full, acc, path, effects, before, glanced, own)
+        def again(effects, acc=acc, path=path, least=-np.inf):
+            return search(full, acc, path, effects, before, glanced, own, least=least)
         return beside_steps(full, again(effects), again, effects)
     by = described(sought(start, found, effects))
     if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it

@@ -51,7 +51,7 @@ class Search(NamedTuple):
 
 
 def search(full, start, readings, effects, before, glanced, twins=None, among=1,
-           looks=MAX_LOOKS):
+           looks=MAX_LOOKS, least=-np.inf):
     """`Search` from an account with the readings of a record on, which are a `Cause`,
     until nothing more is found, in so many looks at most.
 
@@ -59,7 +59,8 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
     few steps at random would be the best, what happens at some time is sought alone: a
     process tells more than the first of several steps. An effect that the simulator's
     own records have, too, its `Twins` if they are known, is described, but nothing that
-    is missing. `among` as for `further_causes`.
+    is missing. `among` as for `further_causes`. It stops where a path of the `least`
+    ln B is out of reach: what is found next seldom tells more than what was.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
@@ -68,8 +69,10 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
     asked = twins or any(one.effect.search == "onset" for one in path.found)
     if path.found:
         after = glanced(acc)
-    for _ in range(0 if any(r.opaque for r in start.readings) else looks):
-        if noises == MAX_NOISES or doubtful == MAX_DOUBTFUL:
+    looks, reach = 0 if any(r.opaque for r in start.readings) else looks, np.inf
+    for remaining in range(looks, 0, -1):
+        if noises == MAX_NOISES or doubtful == MAX_DOUBTFUL or (
+                path.log_bayes + remaining * reach < least):
             break
         # a process shows in the undirected statistics, if it is there, or in parameters
         # that are at an end of their range in its place; jumps and changes may not
@@ -123,6 +126,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
             after = glanced(acc, after)
             continue
         settled = int(len(best.found) == 1)    # of a pair neither is the best alone
+        reach = best.log_bayes
         noises += sum(not one.effect.columns for one in best.found)
         acc, path = look.account, _joined(path, best)
         leaves.pop(path.effect)
@@ -168,10 +172,11 @@ def beside_steps(full, done, again, effects):
     """
     other = done.other
     if other and other.after.p_value < LOOK_ON:
-        other = again(effects, other.account, other.path)
+        other = again(effects, other.account, other.path, done.path.log_bayes)
     elif not other and "random_steps" in done.path.effects and (
             done.after.p_value < LOOK_ON * effort(full)):
-        other = again([e for e in effects if e.name != "random_steps"])
+        other = again([e for e in effects if e.name != "random_steps"],
+                      least=done.path.log_bayes)
     return _of_both(done, other, len(effects)) if other else done
 
 
