@@ -15,12 +15,14 @@ import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import (
-    backward, causes, directed, effects, evidence, filters, inside, linear, rival,
-    scans, screens, signatures)
+    backward, directed, effects, evidence, filters, inside, linear, rival,
+    scans, screens, signatures, weighing)
 from sensorlab.gap.account import account
 from sensorlab.gap.effects import fixed
 from sensorlab.gap.members import Member
 from sensorlab.gap.readings import Reading
+from sensorlab.gap.rival import Rival
+from sensorlab.gap.sought import StandIn
 
 
 @pytest.mark.parametrize("level", [0, 4])    # nothing, and an effect of 100 nats that
@@ -266,9 +268,10 @@ def test_an_onset_that_was_sought_without_the_outliers_is_moved_to_where_they_se
     assert near[4] is one
     assert_allclose(np.argmax(near[0].columns), np.argmax(one.columns) - 4)
     told = Found(effect, values=dict(onset=(at + late, 0.5), size=(4.0, 0.1)))
-    searched, (moved, told) = causes._seen_elsewhere(
-        scene, acc, plain, reference, SimpleNamespace(family=1, log_bayes=100.0), one,
-        told)
+    stand_in = StandIn(plain, reference, [], [], {}, {(1, None): (one, told)})
+    searched = weighing._seen_elsewhere(scene, acc, Rival(
+        effect, "", 100.0, 1, stand_in))
+    moved, told = stand_in.signature(1)
     # a step from 599 to 600 is one at any time between
     assert abs(moved.found.values["onset"] - at) <= 1.0
     assert told.values["onset"] == (moved.found.values["onset"], 0.5)

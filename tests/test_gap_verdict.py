@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 import sensorid
 import sensorlab
 from sensorlab import Found
-from sensorlab.gap import causes, diagnosis, search
+from sensorlab.gap import causes, diagnosis, search, weighing
 from sensorlab.gap import verdict as verdict_module
 from sensorlab.gap.augmented import augmented
 from sensorlab.gap.diagnosis import diagnose
@@ -204,6 +204,6 @@ def test_of_two_that_explain_as_much_the_simpler_is_twice_as_probable():
         rivals = [types.SimpleNamespace(effect=EFFECTS[effect], at=at, variant="",
                                          log_bayes=4.0)
                   for effect, _, at in (name.partition(" ") for name in names)]
-        _, alone, share = causes._probabilities(acc, rivals)
+        _, alone, share = weighing._probabilities(acc, rivals)
         assert_allclose(share / share.min(), expected)
         assert_allclose(share.sum() / alone, np.exp(4.0))    # as if all were the same

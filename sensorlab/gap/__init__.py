@@ -42,7 +42,8 @@ The files read in the order of the argument; each takes only from those before i
 costs, effects, members, draws, shapes, processes, values, repeats, interpolated,
 catalogue, kernels, lowpass, parts, linear, filters, backward, evidence, changes, joint,
 screens, spectra, signatures, onsets, scans, tuning, codes, clipping, averages,
-readings, standins, guesses, account, implied, directed, rival, wrong, inside, refits,
-causes, pairs, probes, places, distance, closure, drift, twins, flexible, search,
-remainder, verdict, known, diagnosis, augmented, blackbox, sizes, words, report, curves.
+readings, standins, guesses, account, implied, directed, rival, wrong, inside, sought,
+weighing, causes, refits, pairs, probes, places, distance, closure, drift, twins,
+flexible, search, remainder, verdict, known, diagnosis, augmented, blackbox, sizes,
+words, report, curves.
 """

@@ -7,9 +7,9 @@ needed even where it is described in any way that does not describe the effect i
 
 import numpy as np
 
-from sensorlab.gap.causes import search_cost
 from sensorlab.gap.closure import regression, standing_out
 from sensorlab.gap.places import PLACES
+from sensorlab.gap.rival import search_cost
 
 NEEDED_NATS = 3.0    # that an effect must gain
 LAGS = 16      # samples before, on which a regression describes any colour

@@ -12,7 +12,7 @@ import numpy as np
 
 from sensorid import brief, mesh, middles, side_by_side
 from sensorlab.gap.account import account
-from sensorlab.gap.causes import NO_OTHER, further_causes
+from sensorlab.gap.causes import further_causes
 from sensorlab.gap.effects import Found
 from sensorlab.gap.filters import log_likelihoods
 from sensorlab.gap.kernels.arithmetic import row_products
@@ -20,7 +20,8 @@ from sensorlab.gap.linear import Signature, filter_of, part_of
 from sensorlab.gap.rival import log_bayes_over, with_signature
 from sensorlab.gap.screens import HEAD, LAWS, LITTLE
 from sensorlab.gap.signatures import Family, columns_at, families
-from sensorlab.gap.standins import stand_in
+from sensorlab.gap.sought import NO_OTHER
+from sensorlab.gap.standins import gaussian
 
 ONSETS = 48          # of a step
 ENDS = 24            # onsets of what lasts
@@ -163,7 +164,7 @@ class _Form(NamedTuple):
 
 def _starts(scene, acc, forms, least):
     """The better `Signature` of each of the best pairs, no two of the same effects."""
-    plain, hypotheses = stand_in(scene, acc)
+    plain, hypotheses = gaussian(scene, acc)
     h, gap = hypotheses[acc.best], np.isnan(plain.y)
     own = filter_of(h, plain, acc.signatures, acc.member.matching(h, acc.theta), gap)
     edges = np.arange(min(len(gap), BINS)) * len(gap) // min(len(gap), BINS)

@@ -20,7 +20,8 @@ class Rival(NamedTuple):
     effect: Effect
     at: str              # column, or symbol of the parameter that is wrong
     log_bayes: float
-    family: int = 0      # number of its family in the evidence, from 1
+    family: int = 0      # number of its family where it was sought, from 1
+    stand_in: object = None    # `StandIn` of that
     account: Account = None    # with the effect in it; a signature has a family instead
     values: dict = {}    # (mean, sd) by symbol
     variant: str = ""
@@ -40,6 +41,14 @@ def floor_of(acc, best):
     not be known well.
     """
     return acc.log_evidence + max(HOPELESS_NATS, best - MATTERS)
+
+
+def search_cost(effect, scene):
+    """What the best of as many signatures as a pulse has gains by chance over the best
+    of as many as a step has, nats: an account has that one alone, of a wide size.
+    """
+    more = len(effect.parameters(scene)) - 1 if effect.columns else 0
+    return max(more, 0) * np.log(len(scene.y))
 
 
 def different(forms):

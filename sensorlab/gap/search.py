@@ -9,8 +9,7 @@ import numpy as np
 
 from sensorid import brief, probabilities
 from sensorlab.gap.account import Account, account
-from sensorlab.gap.causes import (
-    PRIOR_LAST, Cause, further_causes, largest_bayes, search_cost)
+from sensorlab.gap.causes import Cause, further_causes
 from sensorlab.gap.costs import heard_by, say
 from sensorlab.gap.distance import Gap
 from sensorlab.gap.draws import simulate_effects
@@ -21,6 +20,9 @@ from sensorlab.gap.inside import MANY_STEPS
 from sensorlab.gap.pairs import best_pair
 from sensorlab.gap.readings import as_read, hide
 from sensorlab.gap.refits import in_best_forms, without
+from sensorlab.gap.rival import search_cost
+from sensorlab.gap.sought import largest_bayes
+from sensorlab.gap.weighing import PRIOR_LAST
 from sensorlab.gap.wrong import pushes
 
 MAX_NOISES = 6          # effects beside readings that the filter must follow: columns

@@ -75,30 +75,34 @@ MOSTLY = 0.5        # of the samples, if the level is known
 
 
 def stand_in(scene, acc):
-    """Scene and hypotheses without jumps in which another effect is sought or sized:
-    those that `gaussian` gives, but a level that is known is taken away. Noise of its
-    covariance would hide what is slow.
+    """Scene and hypotheses without jumps in which another effect is sized: those that
+    `gaussian` gives, but a level that is known is taken away. Noise of its covariance
+    would hide what is slow.
     """
     return stand_ins(scene, acc)[1]
 
 
 def stand_ins(scene, acc):
-    """Those for signatures and, as `stand_in` gives them, for all others: for
-    signatures, outliers in clusters that independent ones do not make are back, as one
-    may explain all of them at once.
+    """A list of those in which signatures are sought, and, as `stand_in` gives it, that
+    for all others.
+
+    For signatures, outliers in clusters that independent ones do not make are back, as
+    one may explain all of them at once. A level that is known was taken for the other
+    one where a signature is large beside it, so they are sought in its noise, too.
     """
     plain, hypotheses = gaussian(scene, acc)
     if plain is scene:
-        return 2 * ((scene, hypotheses),)
+        return [(scene, hypotheses)], (scene, hypotheses)
     jumps = acc.member.jumps(acc.theta[None])
     together = _with_clusters(scene, plain, jumps.rate[0])
     level = _level(scene, acc, jumps) if jumps.half[0] else None
     if level is None:
-        return (together, hypotheses), (plain, hypotheses)
+        return [(together, hypotheses)], (plain, hypotheses)
     less = tuple(h._replace(effects=tuple(
         one for one in h.effects if one.effect is not LEVEL_AS_NOISE))
         for h in hypotheses)
-    return tuple((own._replace(y=own.y - level), less) for own in (together, plain))
+    without = [(own._replace(y=own.y - level), less) for own in (together, plain)]
+    return [(together, hypotheses), without[0]], without[1]
 
 
 def _level(scene, acc, jumps):

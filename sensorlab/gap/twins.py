@@ -10,10 +10,11 @@ import numpy as np
 from sensorid import Parameter, probabilities
 from sensorlab.gap.account import Account, account
 from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.causes import further_causes, search_cost
+from sensorlab.gap.causes import further_causes
 from sensorlab.gap.distance import distance, enough_trials, p_values
 from sensorlab.gap.implied import with_sizes
 from sensorlab.gap.readings import as_read, readings
+from sensorlab.gap.rival import search_cost
 
 MEASURED = 4       # records of a simulator, or parts of them as long as the real one
 TRIALS_TWIN = 60   # simulated records beside each
