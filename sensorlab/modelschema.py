@@ -38,6 +38,7 @@ READINGS = dict(
     window=dict(type="number", **POSITIVE),
     phase=dict(type=["number", "null"], **NOT_NEGATIVE),
     order=dict(enum=[1, 3]),
+    value=dict(type="number"),
     limits=dict(type="array", items=END, minItems=2, maxItems=2),
     codes=dict(type="array", minItems=2, items=dict(
         type="array", minItems=2, maxItems=2,

@@ -353,9 +353,12 @@ def test_simulated_noises_have_the_variance_that_is_written():
     y = altered(*(Found(CATALOGUE[name], values=values) for name, values in (
         ("saturation", dict(limits=[-1.0, 2.0])),
         ("quantization", dict(lsb=0.25)),
+        ("dropouts", dict(value=-9.0, spans=[[40.0, 3], [60.0, 1]])),
         ("stuck", dict(spans=[[100.0, 20]])))))
+    assert (np.flatnonzero(y == -9.0) == [40, 41, 42, 60]).all()
+    y = y[y != -9.0]
     assert y.min() == -1.0 and y.max() == 2.0 and len(np.unique(y)) <= 13
-    assert (y[100:120] == y[100]).all()
+    assert (y[96:116] == y[96]).all()
     h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.0)
     y = drawn("walk_step", onset=10000.0, ratio=9.0)
     assert_allclose([np.diff(y[:10000]).std(), np.diff(y[10000:]).std()], [0.1, 0.9],

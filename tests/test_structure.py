@@ -51,7 +51,8 @@ def test_a_section_calls_only_sections_above_it(end):
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
              # folder
     "sensorlab/gap": ["costs", "effects", "members", "draws", "shapes", "processes",
-                      "values", "repeats", "interpolated", "catalogue", "kernels",
+                      "values", "repeats", "interpolated", "dropouts", "catalogue",
+                      "kernels",
                       "lowpass", "parts", "linear", "filters", "backward", "evidence",
                       "changes", "joint", "screens", "spectra", "signatures", "onsets",
                       "scans", "tuning", "codes", "clipping", "averages", "readings",

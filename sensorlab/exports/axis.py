@@ -150,6 +150,7 @@ def _strange(effects):
             yield f"{one.name} is left out: {one.effect.equation}"
         elif one.effect.drive:
             yield f"{one.name}: where it is loudest counts for the whole"
-        elif one.name in ("stuck", "repeated_samples", "interpolated_samples",
-                          "differential_nonlinearity", "moving_average"):
+        elif one.name in ("stuck", "dropouts", "repeated_samples",
+                          "interpolated_samples", "differential_nonlinearity",
+                          "moving_average"):
             yield f"{one.name} is left out"

@@ -49,6 +49,12 @@ def _stick(scene, y, spans):
         y[..., first:first + int(length)] = y[..., first:first + 1]
 
 
+def _drop(scene, y, value, spans):
+    for start, length in spans:
+        first = round(start / scene.dt)
+        y[..., first:first + int(length)] = value
+
+
 def _average(scene, y, window):
     """Every sample becomes the mean of all in a window that ends with it; before the
     record, of its first.
@@ -405,6 +411,11 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y keeps its value in spans of (start in s, samples)",
            resembles="quantization",
            experiment="compare the counters of sensor and logger"),
+    Effect("dropouts", reading=_drop, comes_last=True,
+           equation="y is value, in u, in spans of (start in s, samples)",
+           resembles="outliers, stuck samples, random telegraph noise",
+           experiment="look for what the logger writes in the place of a lost sample; "
+                      "leave lost samples empty in the file"),
     Effect("repeated_samples", reading=repeat,
            equation="y is what the sensor gave last, which samples at frequency, in "
                     "Hz, below that of the record; phase, in rad, at the first; none "

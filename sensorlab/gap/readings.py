@@ -9,12 +9,13 @@ from sensorlab.gap.averages import FEWEST_TAPS, FEWEST_TURNS, averaged_over, und
 from sensorlab.gap.catalogue import CATALOGUE, taps_of
 from sensorlab.gap.clipping import latent_law, limits_of, unclipped
 from sensorlab.gap.codes import uneven_codes
+from sensorlab.gap.dropouts import dropouts
 from sensorlab.gap.effects import Found, Scene
 from sensorlab.gap.interpolated import interpolated, on_samples
 from sensorlab.gap.repeats import repeated, stuck_spans
 from sensorlab.gap.values import (
     COARSE, EXACT, FEWEST, NOISY, lattice, lattice_and_noise, lattice_between,
-    less_rounding, noise_of, snapped)
+    less_rounding, noise_of, runs, snapped)
 
 
 class Reading(NamedTuple):
@@ -69,17 +70,23 @@ ROUNDING = 1e-9       # of the white noise: equal but for rounding
 
 
 def readings(scene):
-    """Quantization, uneven codes, saturation, repeated and stuck samples of a record
-    from which nothing was taken away, or a moving average, as a tuple of Reading.
+    """Quantization, uneven codes, saturation, dropouts, repeated and stuck samples of a
+    record from which nothing was taken away, or a moving average, as a tuple of
+    Reading.
     """
     y, N, seen = scene.y, len(scene.y), []
+    lost = dropouts(y)
+    if lost.own.any():
+        spans = [[float(begin * scene.dt), int(n)] for begin, n in zip(*runs(lost.own))]
+        seen.append(_shown_by(lost.own, "dropouts", value=lost.value, spans=spans))
+        y = np.where(lost.own, np.nan, y)
     between = interpolated(y)
     taps, log_bayes = averaged_over(y) if not between.every else (0, 0.0)
     if taps:    # of what was read before it, no value but the counts shows anything
         average = Reading(_found("moving_average", window=taps * scene.dt), log_bayes,
                           np.zeros(N, bool), False)
         lsb, y = taps * lattice(y), undone(y, taps)
-        return average, *_rounded(y, lsb, noise_of(y, lsb))
+        return (*seen, average, *_rounded(y, lsb, noise_of(y, lsb)))
     repeats = repeated(y)
     for name, rest, more in (("repeated_samples", repeats, {}), (
             "interpolated_samples", between, dict(order=between.order))):
@@ -164,11 +171,12 @@ def compared(scene, own, simulated=None):
                 instead=mine, factor=new.found.values[symbol] / one.values[symbol])
         elif not shown and name == "saturation" and (wider := _beyond(scene, one)):
             seen[name] = wider._replace(instead=mine)
-        elif not shown and name != "stuck":
+        elif not shown and name not in AT_TIMES:
             had[name] = seen[name] = mine
     return tuple(had.values()), tuple(seen.values())
 
 
+AT_TIMES = "stuck", "dropouts"    # what the next record need not show
 ALIKE = 0.02    # relative: two counts or limits that are the same
 WRONG = dict(quantization="lsb", repeated_samples="frequency",
              interpolated_samples="frequency", saturation="limits",
@@ -183,11 +191,12 @@ NONE = dict(    # the values of a reading that does nothing
 
 def _alike(own, seen, samples):
     """Is a reading of the simulator that of a record of so many samples? Where samples
-    stick or repeat may differ, and which codes are met; a rate at random is counted.
+    stick, repeat or are lost may differ, what stands for lost ones, and which codes are
+    met; a rate at random is counted.
     """
     at_random = seen.get("phase", 0.0) is None
     rtol = ALIKE + (2.0 / np.sqrt(samples) if at_random else 0.0)
-    return all(symbol in ("spans", "phase", "codes", "order")
+    return all(symbol in ("spans", "phase", "codes", "order", "value")
                or np.allclose(value, seen[symbol], rtol=rtol)
                for symbol, value in own.items())
 
@@ -238,11 +247,13 @@ def _found(name, **values):
 
 def recorded(y, dt, columns):
     """`Scene` of a record (N,) and its columns as they were recorded."""
-    lsb, noise = lattice_and_noise(y)
-    largest = _spacing_of_largest(y)
+    lost = dropouts(y).own
+    sensed = np.where(lost, np.nan, y)
+    lsb, noise = lattice_and_noise(sensed)
+    largest = _spacing_of_largest(sensed)
     if lsb < largest <= COARSE * noise:    # what is small was rounded by less: a noise
-        lsb, y = largest, largest * np.round(y / largest)    # that changes
-    return Scene(on_samples(snapped(y)), dt, columns,
+        lsb, sensed = largest, largest * np.round(sensed / largest)    # that changes
+    return Scene(np.where(lost, y, on_samples(snapped(sensed))), dt, columns,
                  rounding=lsb / np.sqrt(12.0) if lsb <= COARSE * noise else 0.0)
 
 

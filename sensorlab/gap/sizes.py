@@ -61,7 +61,7 @@ def odds(log_bayes):
 SECONDS = ("onset", "duration", "quiet", "tau", "dwell", "vertex", "tau_m", "tau_n",
            "window")
 OF_THE_RECORD = ("size", "amplitude", "sigma", "sigma_v", "sigma_m", "sigma_n", "lsb",
-                 "limits", "codes")
+                 "limits", "codes", "value")
 
 
 def unit_of(symbol, unit, column=""):

@@ -41,6 +41,7 @@ PHRASES = dict(
     random_telegraph="random telegraph noise", random_steps="random steps",
     differential_nonlinearity="codes of uneven width (differential nonlinearity)",
     quantization="quantization", saturation="saturation", stuck="stuck samples",
+    dropouts="dropouts (lost samples for which the file has a constant)",
     moving_average="a moving average",
     wrong_parameter="the right value of a parameter",
     unknown="something that no effect of the catalogue explains")

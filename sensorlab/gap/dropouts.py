@@ -1,0 +1,91 @@
+"""Dropouts: lost samples for which a file has a constant, 0, -9999 or the mean."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import erf
+
+from sensorlab.gap.values import (
+    CERTAIN, EXACT, FEWEST, lattice, less_rounding, runs)
+
+
+class Dropouts(NamedTuple):
+    """Samples of a record that are a constant in the place of lost ones."""
+
+    own: np.ndarray       # (N,) those that are
+    value: float = 0.0
+
+
+MOST = 0.5         # of the samples: what is most of a record is no dropout
+FEWEST_RUNS = 3    # of samples that are the constant
+FAR = 5.0          # times the white noise, or counts, from all others
+CODES = 100.0      # counts from all others, where these are coarser than the noise
+NEAR = 0.5         # of the white noise, to values that the sensor may as well give
+BESIDE = 0.1       # of it: as near there are others, too, or it is a dead zone
+SEVERAL = 4.0      # times as often as chance: a code of a converter may be wider
+ALMOST_NEVER = 1e-9    # is a value in double precision met again
+MEDIAN = 0.6745 * np.sqrt(2.0)    # of the differences of white noise of variance 1
+
+
+def dropouts(y):
+    """`Dropouts` of a record (N,), none by chance: the least or the largest value, 0,
+    or that which is met most, of all or of those that are no code, if the sensor
+    hardly gave it.
+    """
+    values, times = np.unique(y[~np.isnan(y)], return_counts=True)
+    if len(values) and times.max() >= FEWEST_RUNS:
+        most = times.argmax()
+        tried, odd = [values[0], values[-1], 0.0, values[most]], np.where(
+            _is_no_code(values - values[most], lattice(y)), times, 0)
+        if odd.max() > SEVERAL * (odd.sum() - odd.max()):
+            tried.append(values[odd.argmax()])
+        for value in tried:
+            own = y == value
+            if own.mean() < MOST and _is_alien(value, y[~own & ~np.isnan(y)], own):
+                return Dropouts(own, float(value) + 0.0)    # not -0
+    return Dropouts(np.zeros(len(y), bool))
+
+
+def _is_no_code(away, lsb):
+    """Are values, so far from codes that are multiples of lsb, none of these?"""
+    return (np.abs(away / lsb - np.round(away / lsb)) > 2.0 * EXACT
+            if lsb else np.zeros(np.shape(away), bool))
+
+
+def _is_alien(value, others, own):
+    """Is a value none that the sensor gave, by all others of the record?"""
+    count, away = len(runs(own)[0]), others - value
+    if count < FEWEST_RUNS or len(others) < FEWEST:
+        return False
+    lsb, apart = lattice(others), np.abs(away).min()
+    # that of most: other wrong words may be left
+    noise = less_rounding(np.median(np.abs(np.diff(others))) / MEDIAN, lsb)
+    if lsb > noise and apart > CODES * lsb:
+        return True
+    if not noise > 0.0:
+        return False
+    if apart > FAR * max(noise, lsb):    # noise would spread it over more codes
+        of_one = erf(lsb / (2.0 * np.sqrt(2.0) * noise))
+        return bool(count * np.log(of_one + ALMOST_NEVER) < -CERTAIN and (
+            count >= FEWEST or apart > np.ptp(others)))
+    return _is_met_too_often(value, others, lsb, noise, count)
+
+
+def _is_met_too_often(value, others, lsb, noise, count):
+    """Is a value met so many times no code, or in the midst of others, each of which is
+    met far less often?
+    """
+    met, times = np.unique(others, return_counts=True)
+    away = others - value
+    if len(met) >= FEWEST and met[0] < value < met[-1] and (
+            _is_no_code(away, lsb).mean() > 0.5):
+        return True
+    near, reach = np.abs(away) < NEAR * noise, max(BESIDE * noise, 1.5 * lsb)
+    per_width = near.sum() / (2.0 * NEAR * noise)
+    beside = np.abs(met - value) < (2.0 * reach if lsb else np.inf)
+    often = max(per_width * lsb, times[beside].max(initial=1) - 1, ALMOST_NEVER)
+    return bool(
+        lsb < NEAR * noise and (away[near] > 0.0).any() and (away[near] < 0.0).any()
+        and np.sum(np.abs(away) < reach) > per_width * min(reach, lsb or reach)
+        and count > SEVERAL * often and count * np.log(count / often) > (
+            count - often + CERTAIN + np.log(len(away))))

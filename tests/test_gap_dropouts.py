@@ -1,0 +1,93 @@
+"""Lost samples for which a file has a constant."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import sensorid
+import sensorlab
+from sensorlab.gap.dropouts import dropouts
+
+N = 4000
+WHITE = np.random.default_rng(0).standard_normal(N)
+LOST = np.random.default_rng(1).random(N) < 0.03
+TIME = 0.01 * np.arange(N)
+
+
+def counts(y, lsb):
+    return lsb * np.round(y / lsb)
+
+
+@pytest.mark.parametrize("y, lsb", [
+    (WHITE, 0.0), (counts(WHITE, 0.05), 0.05),
+    (counts(WHITE + 3.0, 0.3), 0.3),    # 3 sigma away is a code that is seldom met
+    (20.0 * np.sin(TIME) + 0.1 * WHITE, 0.0)    # a motion goes through it
+], ids=["doubles", "fine counts", "counts", "motion"])
+@pytest.mark.parametrize("value", [0.0, -9999.0, "between codes"])
+def test_what_is_lost_is_seen(y, lsb, value):
+    value = float(np.median(y)) + 0.4 * lsb if value == "between codes" else value
+    told = dropouts(np.where(LOST, value, y))
+    if value == 0.0 and lsb == 0.05:    # a code that is met as often
+        assert not told.own.any()
+        return
+    assert_array_equal(told.own, np.where(LOST, value, y) == value)
+    assert told.value == value
+
+
+@pytest.mark.parametrize("lsb", [0.0, 0.1, 1.0, 5.0])
+def test_what_is_far_from_all_that_a_sensor_gives_is_lost(lsb):
+    y = counts(WHITE, lsb) + 12.0 if lsb else WHITE + 12.0
+    for value in (-9999.0, 0.0) if lsb < 5.0 else (-9999.0,):
+        assert_array_equal(dropouts(np.where(LOST, value, y)).own, LOST)
+
+
+def level(seed, size):
+    change = np.random.default_rng(seed).random(N) < 0.01
+    return size * (np.cumsum(change) % 2)
+
+
+def stuck(y):
+    y = y.copy()
+    for begin in range(50, N - 50, 400):
+        y[begin:begin + 30] = y[begin]
+    return y
+
+
+@pytest.mark.parametrize("y", [
+    WHITE, np.zeros(N), np.full(N, np.nan), np.array([1.0, 2.0, 1.0]),
+    *(counts(WHITE, lsb) for lsb in (0.001, 0.1, 0.3, 1.0, 2.0, 5.0)),
+    *(0.1 * np.trunc(10.0 * WHITE) for _ in range(1)),    # a code twice as wide
+    np.clip(WHITE, -1.0, 1.0), np.maximum(WHITE, -0.3), np.abs(WHITE),
+    np.where(np.abs(WHITE) < 0.3, 0.0, WHITE),    # a dead zone
+    *(counts(level(2, 20.0) + sigma * WHITE, lsb)    # of two levels that are one code
+      for sigma in (0.02, 0.5) for lsb in (0.1, 1.0, 3.0)), level(2, 20.0),
+    np.clip(np.where(LOST, 50.0 * WHITE[::-1], WHITE), -60.0, 60.0),
+    np.repeat(WHITE[:N // 4], 4), stuck(WHITE), np.where(LOST, np.nan, WHITE)])
+def test_what_a_sensor_gives_is_no_dropout(y):
+    assert not dropouts(y).own.any()
+
+
+@pytest.mark.parametrize("value", [0.0, -9999.0])
+@pytest.mark.parametrize("missing", ["", "sinusoid"])
+def test_nothing_but_lost_samples_is_missing(value, missing):
+    ranges = sensorid.hypothesis("random_walk", sigma_w=(0.0007, 0.006),
+                                 sigma_v=(0.005, 0.02), bias_sigma=1.0)
+    truth = sensorid.hypothesis("random_walk", sigma_w=0.002, sigma_v=0.01,
+                                bias_sigma=0.02)
+    (y,) = sensorid.simulate([truth], 0.01, N, trials=1, seed=1).error
+    y = y + 0.005 * np.sin(20.0 * TIME) * bool(missing)
+    d = sensorlab.diagnose(np.where(LOST, value, y), 0.01, [ranges])
+    assert d.verdict.split("+") == ["dropouts", *filter(None, [missing])]
+    values = d.found[0].values
+    assert values["value"] == (value, 0.0)
+    assert sum(n for _, n in values["spans"][0]) == LOST.sum()
+
+
+def test_dropouts_that_both_have_are_no_gap():
+    rng = np.random.default_rng(4)
+    theirs, y = rng.standard_normal((2, 3000))
+    theirs[rng.random(3000) < 0.02] = y[rng.random(3000) < 0.04] = 0.0
+    for own, verdict in (theirs, "none"), (rng.standard_normal(3000), "dropouts"):
+        simulator = sensorlab.simulator_from(own[None], 0.01)
+        assert sensorlab.diagnose(y, 0.01, simulator, simulated=own[None]
+                                  ).verdict == verdict
