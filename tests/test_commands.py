@@ -110,6 +110,31 @@ def test_a_long_record_is_cut_and_averaged(folder, capsys):
         assert message in capsys.readouterr().err
 
 
+def test_a_constant_that_stands_for_lost_samples_is_told_of_and_left_out(folder,
+                                                                         capsys):
+    rng = np.random.default_rng(3)
+    y, lost = rng.standard_normal(2000), rng.random(2000) < 0.03
+    np.savez("lost.npz", error=np.where(lost, -9999.0, y), dt=0.5)
+    said = (f"{lost.sum()} samples of error are -9999, unlike all others: if these were "
+            "lost, --missing -9999 takes them as missing")
+    assert main("identify lost.npz --hypotheses white_noise".split()) == 0
+    assert said in capsys.readouterr().out
+    assert main("identify lost.npz --hypotheses white_noise --missing -9999 --missing 7 "
+                "--json l.json".split()) == 0
+    out = capsys.readouterr().out
+    assert f"{lost.sum()} missing" in out and "unlike all others" not in out
+    (found,) = json.loads(pathlib.Path("l.json").read_text())["hypotheses"]
+    assert found["parameters"]["sigma_v"]["mean"] == pytest.approx(
+        y[~lost].std(), rel=0.02)
+    assert main("diagnose lost.npz --average 4".split()) == 0    # its means are of both
+    assert said in capsys.readouterr().err
+    assert main("diagnose lost.npz".split()) == 0
+    assert "verdict: dropouts\n" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="2"):
+        main("identify lost.npz --missing nan".split())
+    assert "nan is not a number" in capsys.readouterr().err
+
+
 def test_criteria_writes_curves(folder):
     assert main("criteria m.json --duration 200 --trials 40 --json c.json "
                   "--plot c.png".split()) == 0

@@ -8,6 +8,7 @@ from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.augmented import augmented
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import diagnose
+from sensorlab.gap.dropouts import less_dropouts
 from sensorlab.gap.members import Simulator
 from sensorlab.gap.report import report
 from sensorlab.gap.words import described
@@ -29,7 +30,7 @@ def run(options):
     (record,), unit = records, records[0].unit
     with progress_line() as progress:
         d = diagnose(record.error, record.dt, Simulator(default_hypotheses(
-            record.error, record.dt)), progress=progress)
+            less_dropouts(record.error), record.dt)), progress=progress)
     simulator = augmented(d)
     (h,) = simulator.hypotheses
     try:

@@ -17,6 +17,7 @@ from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.costs import forewarning
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import diagnose
+from sensorlab.gap.dropouts import less_dropouts
 from sensorlab.gap.effects import Scene, describe
 from sensorlab.gap.known import check_scene
 from sensorlab.gap.members import Simulator
@@ -151,7 +152,7 @@ def _simulator(model, simulated, record):
         return model.simulator
     if simulated is not None:
         return simulator_from(simulated, record.dt)
-    return Simulator(default_hypotheses(record.error, record.dt))
+    return Simulator(default_hypotheses(less_dropouts(record.error), record.dt))
 
 
 def _list_effects(options):

@@ -1,6 +1,7 @@
 """What the command line takes."""
 
 import argparse
+import math
 
 from sensorlab.printable import printable
 
@@ -280,6 +281,17 @@ def _numbers(text):
         raise argparse.ArgumentTypeError(f"{text} is not a number") from None
 
 
+def _value(text):
+    """A number of the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is not a number")
+    return value
+
+
 def _time(text, least=0.0):
     """A time of the command line, s."""
     try:
@@ -370,5 +382,9 @@ def _record_options(parser, several=False):
     parser.add_argument("--resample", action="store_true",
                         help="take each sample of an uneven record at the nearest even "
                              "time; where there is none, it is missing")
+    parser.add_argument("--missing", type=_value, action="append", default=[],
+                        metavar="V",
+                        help="take this value of the column as a missing sample, such "
+                             "as -9999; may be given again")
     parser.add_argument("--allow-missing", action="store_true",
                         help="take NaN and empty cells as missing samples")

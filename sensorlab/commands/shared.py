@@ -4,6 +4,7 @@ import json
 import os
 import pathlib
 import re
+import sys
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from sensorid import MODELS, write_whole
 from sensorlab.commands.cache import forgive
 from sensorlab.commands.progress import announce_compilation
 from sensorlab.gap.costs import available
+from sensorlab.gap.dropouts import dropouts
 from sensorlab.gap.report import finite
 from sensorlab.readers import (
     SAME, Unread, plain_name, read as read_source, read_axes, read_rows, unread)
@@ -27,7 +29,8 @@ def read(options, model=None, beside=()):
     """
     return _as_asked(read_source(
         options.record, options.column, _interval(options, options.record, model),
-        options.resample, options.allow_missing, beside), options, model)
+        options.resample, options.allow_missing, beside, options.missing), options,
+        model)
 
 
 def covariates_of(options):
@@ -45,7 +48,7 @@ def read_each(options, model=None, beside=()):
         try:
             found += read_axes(
                 source, options.column, _interval(options, source, model),
-                options.resample, options.allow_missing, beside)
+                options.resample, options.allow_missing, beside, options.missing)
         except (ValueError, OSError) as problem:
             found.append(unread(source, options.column, problem))
     for number, one in enumerate(found):
@@ -118,7 +121,22 @@ def _part(record, options):
         raise ValueError(f"--from, --to and --average {m} leave nothing of the "
                          f"{N * record.dt:g} s of {record.file}")
 
+    lost = said_of_lost(record)
+    if m > 1 and lost:
+        print(f"sensorid: {lost}", file=sys.stderr)
     return _averaged(record, m, slice(first, last))
+
+
+def said_of_lost(record):
+    """What to do about a constant that stands for lost samples of a record, if there is
+    one, in a sentence.
+    """
+    lost = dropouts(record.error)
+    if not lost.own.any():
+        return ""
+    value = f"{lost.value:.6g}"
+    return (f"{lost.own.sum()} samples of {record.column} are {value}, unlike all "
+            f"others: if these were lost, --missing {value} takes them as missing")
 
 
 ROUNDING = 1e-6    # of a sample
@@ -142,7 +160,8 @@ def _averaged(record, m, part):
                                     for name, x in record.columns.items()})
 
 
-RECORDED = ("column", "dt", "start", "end", "average", "resample", "allow_missing")
+RECORDED = ("column", "dt", "start", "end", "average", "resample", "missing",
+            "allow_missing")
 UNSET = dict(column="error", average=1, seed=0, scale=(1.0,))    # where it is not None
 
 
@@ -371,7 +390,7 @@ def simulated_records(options, record):
     A column of the same name is a recording of the same kind: it is averaged and scaled
     as the record. Rows of `error`, and what says its own unit, are taken as they are.
     """
-    rows = read_rows(options.simulated, record.column, options.dt)
+    rows = read_rows(options.simulated, record.column, options.dt, options.missing)
     recorded = plain_name(rows[0].column) == plain_name(record.column) != "error"
     if recorded:
         m = options.average

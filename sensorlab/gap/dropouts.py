@@ -46,6 +46,11 @@ def dropouts(y):
     return Dropouts(np.zeros(len(y), bool))
 
 
+def less_dropouts(y):
+    """A record without its dropouts, which are NaN."""
+    return np.where(dropouts(y).own, np.nan, y)
+
+
 def _is_no_code(away, lsb):
     """Are values, so far from codes that are multiples of lsb, none of these?"""
     return (np.abs(away / lsb - np.round(away / lsb)) > 2.0 * EXACT

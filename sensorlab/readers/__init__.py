@@ -66,7 +66,7 @@ class Recording(NamedTuple):
 
 
 def read(source, channel="error", dt=None, resample=False, allow_missing=False,
-         beside=()):
+         beside=(), missing=()):
     """`Recording` of one channel of a file or of an object.
 
     Parameters
@@ -91,6 +91,8 @@ def read(source, channel="error", dt=None, resample=False, allow_missing=False,
         Further columns wanted, as NAME or as NAME=COLUMN to give one another name; of
         other topics as topic/field. None for all that hold numbers but, beside an axis
         of a sensor, the other axes. Where samples are missing they are interpolated.
+    missing : sequence of float
+        Values of the channel that stand for missing samples, such as -9999.
 
     Returns
     -------
@@ -105,13 +107,13 @@ def read(source, channel="error", dt=None, resample=False, allow_missing=False,
     origin, groups = _opened(source)
     try:
         return _recording(origin, groups, _channel(groups, channel), dt, resample,
-                          allow_missing, beside)
+                          allow_missing, beside, missing)
     except ValueError as problem:
         raise ValueError(f"{origin}: {problem}") from None
 
 
 def read_axes(source, channel="all", dt=None, resample=False, allow_missing=False,
-              beside=None):
+              beside=None, missing=()):
     """`Recording`s of several channels of a source, which is opened once.
 
     Parameters are those of `read`, but `channel` may be names, comma-separated, the
@@ -128,15 +130,15 @@ def read_axes(source, channel="all", dt=None, resample=False, allow_missing=Fals
     for one in found:
         try:
             result.append(_recording(origin, groups, one, dt, resample, allow_missing,
-                                     beside))
+                                     beside, missing))
         except ValueError as problem:
             result.append(unread(origin, one.name, f"{origin}: {problem}"))
     return result
 
 
-def read_rows(source, channel="error", dt=None):
+def read_rows(source, channel="error", dt=None, missing=()):
     """Recordings of the channel of this name or, where there is none, of all rows of
-    the array `error`.
+    the array `error`; `missing` as for `read`.
     """
     origin, groups = _opened(source)
     try:
@@ -147,7 +149,8 @@ def read_rows(source, channel="error", dt=None):
         if not rows or rows[0].array == "error":
             rows = ([_channel(groups, "error")] if _alone(groups) else
                     axes.find_several(groups, "error"))
-        return [_recording(origin, groups, c, dt, False, True, ()) for c in rows]
+        return [_recording(origin, groups, c, dt, False, True, (), missing)
+                for c in rows]
     except ValueError as problem:
         raise ValueError(f"{origin}: {problem}") from None
 
@@ -194,7 +197,7 @@ def _opened(source):
                          ) from None
 
 
-def _recording(origin, groups, channel, dt, resample, allow_missing, beside):
+def _recording(origin, groups, channel, dt, resample, allow_missing, beside, missing):
     from sensorid import check_record    # not for the readers in their own processes
     error = channel.values.astype(float)
     columns, others = covariates.beside(groups, channel, beside)
@@ -207,7 +210,7 @@ def _recording(origin, groups, channel, dt, resample, allow_missing, beside):
             raise ValueError(f"{name} holds {holes} NaN or empty values, the first at "
                              f"sample {np.argmax(np.isnan(x))}; --allow-missing takes "
                              "them as missing")
-    even = clock.placed(error)
+    even = clock.placed(np.where(np.isin(error, missing), np.nan, error))
     check_record(even, clock.dt)
     columns = {printable(name): _filled(clock.placed(x)) for name, x in columns.items()}
     return Recording(printable(origin), printable(channel.name), even, float(clock.dt),
