@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import figures
 import sensorid
+import sensorlab
 from figures import fig4
 from sensorlab import drawings
 from sensorlab.drawings import style
@@ -73,6 +74,19 @@ def test_each_kind_of_effect_is_shown_in_its_own_way(answers):
     assert label["none"] == "distance from simulated records, sd"
     assert label["bias_step"] == "the bias step should add, sd of a sample"
     assert label["outliers"] == "residual, sd" and label["quantization"] == "time, s"
+
+
+def test_lost_samples_are_marked_below_a_record_that_is_shown_without_them():
+    rng = np.random.default_rng(1)
+    lost = rng.random(800) < 0.03
+    y = np.where(lost, -9999.0, rng.standard_normal(800))
+    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise",
+                                                       sigma_v=(0.5, 2.0))])
+    fig = drawings.draw_diagnosis(d, view(d), Recording("r.npz", "error", y, DT), "mg")
+    check(fig)
+    ax = fig.axes[0]
+    (marks,) = [line for line in ax.lines if line.get_label() == "lost samples"]
+    assert len(marks.get_xdata()) == lost.sum() and ax.get_ylim()[0] > -10.0
 
 
 def test_the_picture_of_identify(tmp_path):

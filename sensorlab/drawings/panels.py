@@ -15,7 +15,8 @@ MEANS = 200      # parts of a record whose means show what is slow
 
 def of_record(ax, d, view, unit):
     """The record, and through it what was found, as far as one can see it there."""
-    scene, y = d.scene, d.scene.y + d.scene.known
+    scene, lost = d.scene, lost_samples(d)
+    y = np.where(lost, np.nan, scene.y + scene.known)
     part = slice(None) if view.through is None else _around(view.through.y)
     t = scene.time[part]
     ax.plot(*envelope(t, y[part], POINTS), color=PALE, linewidth=0.6, label="record")
@@ -31,6 +32,10 @@ def of_record(ax, d, view, unit):
     if view.odd.any():
         ax.plot(scene.time[view.odd], y[view.odd], "o", color=BEFORE, fillstyle="none",
                 markersize=5, label="outliers")
+    if lost.any():
+        at = scene.time[lost]
+        ax.plot(at, np.zeros(len(at)), "|", transform=ax.get_xaxis_transform(),
+                color=AFTER, markersize=10, label="lost samples")
     for one in d.found:
         _mark(ax, one, scene, y)
     beside = 0.02 * (t[-1] - t[0])
@@ -60,7 +65,7 @@ def _mark(ax, one, scene, y):
         if np.isfinite(limit):
             ax.axhline(limit, color=AFTER, linewidth=1.0, label=f"limit {limit:.4g}")
     starts = [start for start, _ in one.values.get("spans", ([], 0.0))[0]]
-    if starts:
+    if starts and one.name == "stuck":
         at = np.round(np.array(starts) / scene.dt).astype(int)
         ax.plot(scene.time[at], y[at], "v", color=AFTER, label="stuck from here on")
 
@@ -208,6 +213,12 @@ def of_places(ax, d, view):
         ax.set_xlim(0.0, 1.1 * largest)
     ax.set(xlabel="distance from simulated records, sd", ylim=(-0.6, len(at) - 0.4))
     ax.set_yticks(at, [place.name.replace("_", " ") for place in view.places])
+
+
+def lost_samples(d):
+    """Samples (N,) for which the file has a constant."""
+    return sum((r.masked for r in d.final.readings if r.found.name == "dropouts"),
+               np.zeros(len(d.scene.y), bool))
 
 
 def readings_found(d):
