@@ -115,12 +115,12 @@ def test_a_constant_that_stands_for_lost_samples_is_told_of_and_left_out(folder,
     rng = np.random.default_rng(3)
     y, lost = rng.standard_normal(2000), rng.random(2000) < 0.03
     np.savez("lost.npz", error=np.where(lost, -9999.0, y), dt=0.5)
-    said = (f"{lost.sum()} samples of error are -9999, unlike all others: if these were "
-            "lost, --missing -9999 takes them as missing")
+    said = (f"{lost.sum()} samples of error are -9999, unlike all others: if these "
+            "were lost, --missing -9999 takes them as missing")
     assert main("identify lost.npz --hypotheses white_noise".split()) == 0
     assert said in capsys.readouterr().out
-    assert main("identify lost.npz --hypotheses white_noise --missing -9999 --missing 7 "
-                "--json l.json".split()) == 0
+    assert main("identify lost.npz --hypotheses white_noise --missing -9999 "
+                "--missing 7 --json l.json".split()) == 0
     out = capsys.readouterr().out
     assert f"{lost.sum()} missing" in out and "unlike all others" not in out
     (found,) = json.loads(pathlib.Path("l.json").read_text())["hypotheses"]
@@ -133,6 +133,22 @@ def test_a_constant_that_stands_for_lost_samples_is_told_of_and_left_out(folder,
     with pytest.raises(SystemExit, match="2"):
         main("identify lost.npz --missing nan".split())
     assert "nan is not a number" in capsys.readouterr().err
+
+
+def test_what_stands_for_lost_samples_of_a_column_is_interpolated(folder, capsys):
+    rng = np.random.default_rng(3)
+    T = 20.0 + 5.0 * np.sin(np.arange(2000) / 300.0)
+    y = rng.standard_normal(2000) + 0.2 * T
+    np.savez("t.npz", error=y, dt=0.5, temperature=np.where(
+        rng.random(2000) < 0.01, -127.0, T), rate=np.where(
+            np.arange(2000) % 500 < 400, 0.0, rng.standard_normal(2000)))
+    assert main("diagnose t.npz".split()) == 0
+    err = capsys.readouterr().err
+    assert "samples of temperature are -127, unlike all others" in err
+    assert "rate" not in err
+    assert main("diagnose t.npz --missing -127 --missing 0".split()) == 0
+    told = capsys.readouterr()
+    assert "verdict: temperature" in told.out and "unlike" not in told.err
 
 
 def test_criteria_writes_curves(folder):

@@ -78,7 +78,7 @@ def _show(options, model, record, posterior, misfit):
     show(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing",
          Table(SUMMARY, tuple(summary_rows(posterior, unit)), (1,)),
          decided(posterior), misfit.sentence)
-    if lost := said_of_lost(record):
+    if lost := said_of_lost(record.column, y):
         show(lost)
     if not (misfit.described or model):
         print("identify --compose says what its noise is the sum of")

@@ -384,7 +384,7 @@ def _record_options(parser, several=False):
                              "time; where there is none, it is missing")
     parser.add_argument("--missing", type=_value, action="append", default=[],
                         metavar="V",
-                        help="take this value of the column as a missing sample, such "
-                             "as -9999; may be given again")
+                        help="take this value as a missing sample, such as -9999 (0 "
+                             "of the record alone); may be given again")
     parser.add_argument("--allow-missing", action="store_true",
                         help="take NaN and empty cells as missing samples")

@@ -120,23 +120,28 @@ def _part(record, options):
     if not 0 <= first < last:
         raise ValueError(f"--from, --to and --average {m} leave nothing of the "
                          f"{N * record.dt:g} s of {record.file}")
-
-    lost = said_of_lost(record)
-    if m > 1 and lost:
-        print(f"sensorid: {lost}", file=sys.stderr)
+    if m > 1:    # a mean of both is neither
+        _warn(said_of_lost(record.column, record.error))
+    for name, x in record.columns.items():
+        _warn(said_of_lost(name, x, or_zero=False))    # a rate may rest
     return _averaged(record, m, slice(first, last))
 
 
-def said_of_lost(record):
-    """What to do about a constant that stands for lost samples of a record, if there is
+def said_of_lost(name, x, or_zero=True):
+    """What to do about a constant that stands for lost samples of a column, if there is
     one, in a sentence.
     """
-    lost = dropouts(record.error)
-    if not lost.own.any():
+    lost = dropouts(x)
+    if not lost.own.any() or not (lost.value or or_zero):
         return ""
     value = f"{lost.value:.6g}"
-    return (f"{lost.own.sum()} samples of {record.column} are {value}, unlike all "
-            f"others: if these were lost, --missing {value} takes them as missing")
+    return (f"{lost.own.sum()} samples of {name} are {value}, unlike all others: if "
+            f"these were lost, --missing {value} takes them as missing")
+
+
+def _warn(sentence):
+    if sentence:
+        print(f"sensorid: {sentence}", file=sys.stderr)
 
 
 ROUNDING = 1e-6    # of a sample

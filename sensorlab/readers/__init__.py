@@ -92,7 +92,7 @@ def read(source, channel="error", dt=None, resample=False, allow_missing=False,
         other topics as topic/field. None for all that hold numbers but, beside an axis
         of a sensor, the other axes. Where samples are missing they are interpolated.
     missing : sequence of float
-        Values of the channel that stand for missing samples, such as -9999.
+        Values that stand for missing samples, such as -9999; 0 of the channel alone.
 
     Returns
     -------
@@ -210,14 +210,21 @@ def _recording(origin, groups, channel, dt, resample, allow_missing, beside, mis
             raise ValueError(f"{name} holds {holes} NaN or empty values, the first at "
                              f"sample {np.argmax(np.isnan(x))}; --allow-missing takes "
                              "them as missing")
-    even = clock.placed(np.where(np.isin(error, missing), np.nan, error))
+    even = clock.placed(_less(error, missing))
     check_record(even, clock.dt)
-    columns = {printable(name): _filled(clock.placed(x)) for name, x in columns.items()}
+    missing = [value for value in missing if value]    # a rate may rest
+    columns = {printable(name): _filled(clock.placed(_less(x, missing)))
+               for name, x in columns.items()}
     return Recording(printable(origin), printable(channel.name), even, float(clock.dt),
                      columns, printable(channel.unit), printable(clock.said),
                      tuple(map(printable, others)), tuple(map(
                          printable, covariates.left_out(channel)
                          if beside is None else ())))
+
+
+def _less(x, missing):
+    """Without values that stand for missing samples."""
+    return np.where(np.isin(x, missing), np.nan, x)
 
 
 def _filled(x):
