@@ -23,6 +23,7 @@ Notation
     variant      one of several forms of an effect: the square or the modulus of a rate
     low-pass     a digital one that all passes: edges before it are smooth behind it
     reading      what the values of a record show by themselves: a lattice, a limit
+    stand-in     what stands for jumps, or a level, where all must be Gaussian
     account      what a record is explained by: members, signatures, readings, a fit
     cause        a set of effects with its probability; the empty one is none
     place        one of six ways to look: time, frequency, averaging time, lag,

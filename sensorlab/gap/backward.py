@@ -58,7 +58,6 @@ class Solved(NamedTuple):
             return self    # the bank of one state is quicker
         return self._replace(filter=filter_at(p, p.h[None], 0, gap))
 
-
     def before(self, low_pass, dt):
         """The same for what passes a low-pass, if there is one, before it is recorded:
         products with that are these with what passes.
