@@ -118,16 +118,20 @@ def test_a_constant_that_stands_for_lost_samples_is_told_of_and_left_out(folder,
     said = (f"{lost.sum()} samples of error are -9999, unlike all others: if these "
             "were lost, --missing -9999 takes them as missing")
     assert main("identify lost.npz --hypotheses white_noise".split()) == 0
-    assert said in capsys.readouterr().out
+    assert said in capsys.readouterr().err
     assert main("identify lost.npz --hypotheses white_noise --missing -9999 "
                 "--missing 7 --json l.json".split()) == 0
-    out = capsys.readouterr().out
-    assert f"{lost.sum()} missing" in out and "unlike all others" not in out
+    out, err = capsys.readouterr()
+    assert f"{lost.sum()} missing" in out and "unlike all others" not in err
     (found,) = json.loads(pathlib.Path("l.json").read_text())["hypotheses"]
     assert found["parameters"]["sigma_v"]["mean"] == pytest.approx(
         y[~lost].std(), rel=0.02)
     assert main("diagnose lost.npz --average 4".split()) == 0    # its means are of both
     assert said in capsys.readouterr().err
+    value = float(y[~lost].mean())    # of many digits, in a file of another unit
+    np.savez("mean.npz", error=np.where(lost, value, y), dt=0.5)
+    assert main("identify mean.npz --hypotheses white_noise --scale 2".split()) == 0
+    assert f"--missing {value!r} takes" in capsys.readouterr().err
     assert main("diagnose lost.npz".split()) == 0
     assert "verdict: dropouts\n" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="2"):

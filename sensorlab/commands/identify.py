@@ -13,7 +13,7 @@ from sensorlab.commands.many import (
 from sensorlab.commands.progress import progress_bar
 from sensorlab.commands.shared import (
     as_quoted, check_outputs, hypothesis_names, read_each, refuse_effects, report_units,
-    said_of_lost, write_json, write_text)
+    write_json, write_text)
 from sensorlab.drawings import draw_identify, matplotlib_for_files, save
 from sensorlab.modelfiles import read_model
 from sensorlab.several.work import (
@@ -78,8 +78,6 @@ def _show(options, model, record, posterior, misfit):
     show(f"{record.heading}, {dt * len(y):g} s; {np.isnan(y).sum()} missing",
          Table(SUMMARY, tuple(summary_rows(posterior, unit)), (1,)),
          decided(posterior), misfit.sentence)
-    if lost := said_of_lost(record.column, y):
-        show(lost)
     if not (misfit.described or model):
         print("identify --compose says what its noise is the sum of")
     if quotes:

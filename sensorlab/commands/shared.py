@@ -120,28 +120,22 @@ def _part(record, options):
     if not 0 <= first < last:
         raise ValueError(f"--from, --to and --average {m} leave nothing of the "
                          f"{N * record.dt:g} s of {record.file}")
-    if m > 1:    # a mean of both is neither
-        _warn(said_of_lost(record.column, record.error))
+    if m > 1 or options.command == "identify":    # which knows of none
+        _warn_of_lost(record.column, record.error)
     for name, x in record.columns.items():
-        _warn(said_of_lost(name, x, or_zero=False))    # a rate may rest
+        _warn_of_lost(name, x, or_zero=False)    # a rate may rest
     return _averaged(record, m, slice(first, last))
 
 
-def said_of_lost(name, x, or_zero=True):
-    """What to do about a constant that stands for lost samples of a column, if there is
-    one, in a sentence.
-    """
+def _warn_of_lost(name, x, or_zero=True):
+    """Says what to do about a constant that stands for lost samples of a column."""
     lost = dropouts(x)
-    if not lost.own.any() or not (lost.value or or_zero):
-        return ""
-    value = f"{lost.value:.6g}"
-    return (f"{lost.own.sum()} samples of {name} are {value}, unlike all others: if "
-            f"these were lost, --missing {value} takes them as missing")
-
-
-def _warn(sentence):
-    if sentence:
-        print(f"sensorid: {sentence}", file=sys.stderr)
+    if lost.own.any() and (lost.value or or_zero):
+        value = f"{lost.value:g}"
+        value = value if float(value) == lost.value else repr(lost.value)
+        print(f"sensorid: {lost.own.sum()} samples of {name} are {value}, unlike all "
+              f"others: if these were lost, --missing {value} takes them as missing",
+              file=sys.stderr)
 
 
 ROUNDING = 1e-6    # of a sample
