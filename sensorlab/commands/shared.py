@@ -27,10 +27,11 @@ def read(options, model=None, beside=()):
     """The record that the options name, with further columns, at the sampling interval
     of the model if there is one.
     """
-    return _as_asked(read_source(
+    record = read_source(
         options.record, options.column, _interval(options, options.record, model),
-        options.resample, options.allow_missing, beside, options.missing), options,
-        model)
+        options.resample, options.allow_missing, beside, options.missing)
+    _tell_of_lost([record], options)
+    return _as_asked(record, options, model)
 
 
 def covariates_of(options):
@@ -51,6 +52,7 @@ def read_each(options, model=None, beside=()):
                 options.resample, options.allow_missing, beside, options.missing)
         except (ValueError, OSError) as problem:
             found.append(unread(source, options.column, problem))
+    _tell_of_lost([one for one in found if not isinstance(one, Unread)], options)
     for number, one in enumerate(found):
         if not isinstance(one, Unread):
             try:
@@ -120,22 +122,32 @@ def _part(record, options):
     if not 0 <= first < last:
         raise ValueError(f"--from, --to and --average {m} leave nothing of the "
                          f"{N * record.dt:g} s of {record.file}")
-    if m > 1 or options.command == "identify":    # which knows of none
-        _warn_of_lost(record.column, record.error)
-    for name, x in record.columns.items():
-        _warn_of_lost(name, x, or_zero=False)    # a rate may rest
     return _averaged(record, m, slice(first, last))
 
 
-def _warn_of_lost(name, x, or_zero=True):
-    """Says what to do about a constant that stands for lost samples of a column."""
+def _tell_of_lost(records, options):
+    """Say once what to do about a constant that stands for lost samples of records that
+    are to be identified or averaged, where none is known, or of what is beside them.
+    """
+    said, itself = [], options.command == "identify" or options.average > 1
+    for one in records:
+        if itself:
+            said.append(_of_lost(one.column, one.error))
+        said += [_of_lost(name, x, or_zero=False)    # a rate may rest
+                 for name, x in one.columns.items()]
+    for sentence in filter(None, dict.fromkeys(said)):
+        print(f"sensorid: {sentence}", file=sys.stderr)
+
+
+def _of_lost(name, x, or_zero=True):
+    """The sentence about the dropouts of a column, or "" if there are none."""
     lost = dropouts(x)
-    if lost.own.any() and (lost.value or or_zero):
-        value = f"{lost.value:g}"
-        value = value if float(value) == lost.value else repr(lost.value)
-        print(f"sensorid: {lost.own.sum()} samples of {name} are {value}, unlike all "
-              f"others: if these were lost, --missing {value} takes them as missing",
-              file=sys.stderr)
+    if not lost.own.any() or not (lost.value or or_zero):
+        return ""
+    value = f"{lost.value:g}"
+    value = value if float(value) == lost.value else repr(lost.value)
+    return (f"{lost.own.sum()} samples of {name} are {value}, unlike all others: if "
+            f"these were lost, --missing {value} takes them as missing")
 
 
 ROUNDING = 1e-6    # of a sample

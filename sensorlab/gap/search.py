@@ -62,7 +62,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
     process tells more than the first of several steps. An effect that the simulator's
     own records have, too, its `Twins` if they are known, is described, but nothing that
     is missing. `among` as for `further_causes`. It stops where a path of the `least`
-    ln B is out of reach, if what is found next tells ever less, as so far.
+    ln B is out of reach: what is found next seldom tells more than what was.
     """
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
@@ -71,10 +71,10 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
     asked = twins or any(one.effect.search == "onset" for one in path.found)
     if path.found:
         after = glanced(acc)
-    looks, gains = 0 if any(r.opaque for r in start.readings) else looks, []
+    looks, latest = 0 if any(r.opaque for r in start.readings) else looks, np.inf
     for remaining in range(looks, 0, -1):
         if noises == MAX_NOISES or doubtful == MAX_DOUBTFUL or (
-                path.log_bayes + _to_come(gains, remaining) < least):
+                path.log_bayes + remaining * latest < least):
             break
         # a process shows in the undirected statistics, if it is there, or in parameters
         # that are at an end of their range in its place; jumps and changes may not
@@ -128,7 +128,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
             after = glanced(acc, after)
             continue
         settled = int(len(best.found) == 1)    # of a pair neither is the best alone
-        gains.append(best.log_bayes)
+        latest = best.log_bayes
         noises += sum(not one.effect.columns for one in best.found)
         acc, path = look.account, _joined(path, best)
         leaves.pop(path.effect)
@@ -143,16 +143,6 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
         needed = stays_needed(best.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
     return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left, other)
-
-
-def _to_come(gains, count):
-    """Nats that so many more effects tell at most, if each tells as much less than the
-    one before as the last of some with these gains.
-    """
-    if not gains:
-        return np.inf
-    falls = min(gains[-1] / gains[-2], 1.0) if len(gains) > 1 else 1.0
-    return gains[-1] * float(np.sum(falls**np.arange(1, count + 1)))
 
 
 def _unless_shared(causes, theirs):
