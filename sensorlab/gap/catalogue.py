@@ -43,16 +43,21 @@ def _saturate(scene, y, limits):
     np.clip(y, *limits, out=y)
 
 
-def _stick(scene, y, spans):
+def _parts(y, scene, spans):
+    """Views of records at spans of (start in s, samples)."""
     for start, length in spans:
         first = round(start / scene.dt)
-        y[..., first:first + int(length)] = y[..., first:first + 1]
+        yield y[..., first:first + int(length)]
+
+
+def _stick(scene, y, spans):
+    for part in _parts(y, scene, spans):
+        part[:] = part[..., :1]
 
 
 def _drop(scene, y, value, spans):
-    for start, length in spans:
-        first = round(start / scene.dt)
-        y[..., first:first + int(length)] = value
+    for part in _parts(y, scene, spans):
+        part[:] = value
 
 
 def _average(scene, y, window):

@@ -49,9 +49,17 @@ def gaussian(scene, acc):
     values becomes the Markov process of its covariance, steps become a walk, bursts a
     variance at their times.
     """
-    if not acc.member.has_jumps:
-        return scene, acc.hypotheses
-    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
+    return _gaussian(scene, acc, _seen(scene, acc)) if acc.member.has_jumps else (
+        scene, acc.hypotheses)
+
+
+def _seen(scene, acc):
+    """What the filter with jumps of an account makes of its record, as `Predicted`."""
+    return predict(acc.member, scene, acc.signatures, acc.theta[None])
+
+
+def _gaussian(scene, acc, seen):
+    """`gaussian` of an account that has jumps, by what its filter has `seen`."""
     masked = scene._replace(y=np.where(seen.odd[0, 0] > 0.5, np.nan, scene.y))
     plain, own = [], acc.member.jumps(acc.theta[None])
     louder = _louder(on_second(seen, own)) if own.louder[0] else None
@@ -90,12 +98,12 @@ def stand_ins(scene, acc):
     one may explain all of them at once. A level that is known was taken for the other
     one where a signature is large beside it, so they are sought in its noise, too.
     """
-    plain, hypotheses = gaussian(scene, acc)
-    if plain is scene:
-        return [(scene, hypotheses)], (scene, hypotheses)
-    jumps = acc.member.jumps(acc.theta[None])
+    if not acc.member.has_jumps:
+        return [(scene, acc.hypotheses)], (scene, acc.hypotheses)
+    seen, jumps = _seen(scene, acc), acc.member.jumps(acc.theta[None])
+    plain, hypotheses = _gaussian(scene, acc, seen)
     together = _with_clusters(scene, plain, jumps.rate[0])
-    level = _level(scene, acc, jumps) if jumps.half[0] else None
+    level = _level(seen, jumps) if jumps.half[0] else None
     if level is None:
         return [(together, hypotheses)], (plain, hypotheses)
     less = tuple(h._replace(effects=tuple(
@@ -105,9 +113,8 @@ def stand_ins(scene, acc):
     return [(together, hypotheses), without[0]], without[1]
 
 
-def _level(scene, acc, jumps):
+def _level(seen, jumps):
     """The level (N,) of two values, NaN where it is not sure; None if it seldom is."""
-    seen = predict(acc.member, scene, acc.signatures, acc.theta[None])
     second = on_second(seen, jumps)
     sure = np.maximum(second, 1.0 - second) > SURE
     if sure.mean() < MOSTLY:
