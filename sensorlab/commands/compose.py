@@ -1,6 +1,5 @@
 """python -m sensorid identify --compose"""
 
-from sensorid import default_hypotheses
 from sensorlab.commands.progress import progress_line
 from sensorlab.commands.shared import (
     check_outputs, read_each, refuse_unused, write_json, write_text)
@@ -8,8 +7,7 @@ from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.augmented import augmented
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import diagnose
-from sensorlab.gap.dropouts import less_dropouts
-from sensorlab.gap.members import Simulator
+from sensorlab.gap.known import default_simulator
 from sensorlab.gap.report import report
 from sensorlab.gap.words import described
 from sensorlab.several.work import model_of
@@ -29,8 +27,8 @@ def run(options):
                          "diagnose takes several")
     (record,), unit = records, records[0].unit
     with progress_line() as progress:
-        d = diagnose(record.error, record.dt, Simulator(default_hypotheses(
-            less_dropouts(record.error), record.dt)), progress=progress)
+        d = diagnose(record.error, record.dt, default_simulator(
+            record.error, record.dt), progress=progress)
     simulator = augmented(d)
     (h,) = simulator.hypotheses
     try:

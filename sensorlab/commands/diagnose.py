@@ -2,7 +2,6 @@
 
 import pathlib
 
-from sensorid import default_hypotheses
 from sensorlab.commands.many import (
     answers, conclude, refuse_workers, write_answers, write_models, write_pages,
     write_picture, write_table)
@@ -17,10 +16,8 @@ from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.costs import forewarning
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import diagnose
-from sensorlab.gap.dropouts import less_dropouts
 from sensorlab.gap.effects import Scene, describe
-from sensorlab.gap.known import check_scene
-from sensorlab.gap.members import Simulator
+from sensorlab.gap.known import check_scene, default_simulator
 from sensorlab.gap.report import report
 from sensorlab.gap.words import told
 from sensorlab.modelfiles import check_onsets, read_model
@@ -152,7 +149,7 @@ def _simulator(model, simulated, record):
         return model.simulator
     if simulated is not None:
         return simulator_from(simulated, record.dt)
-    return Simulator(default_hypotheses(less_dropouts(record.error), record.dt))
+    return default_simulator(record.error, record.dt)
 
 
 def _list_effects(options):

@@ -276,29 +276,31 @@ def _count(text):
 def _numbers(text):
     """Numbers of the command line, comma-separated."""
     try:
-        return tuple(float(part) for part in text.split(","))
+        return tuple(map(float, text.split(",")))
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text} is not a number") from None
 
 
 def _value(text):
     """A number of the command line."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _number(text)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text} is not a number")
     return value
 
 
+def _number(text):
+    """What a text is as a number, NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def _time(text, least=0.0):
     """A time of the command line, s."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not least <= value < float("inf"):
+    value = _number(text)
+    if not least <= value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not a number of seconds "
                                          f"{'>' if least else '>='} 0")
     return value

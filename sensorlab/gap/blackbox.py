@@ -8,12 +8,12 @@ import numpy as np
 from scipy.special import ndtr
 from scipy.stats import t as student
 
-from sensorid import Parameter, default_hypotheses
+from sensorid import Parameter
 from sensorlab.gap.account import account
 from sensorlab.gap.diagnosis import diagnose
-from sensorlab.gap.dropouts import less_dropouts
 from sensorlab.gap.effects import fixed
 from sensorlab.gap.joint import joint_of
+from sensorlab.gap.known import default_simulator
 from sensorlab.gap.members import Simulator
 from sensorlab.gap.readings import as_read, readings, recorded
 from sensorlab.gap.standins import solved_by
@@ -44,8 +44,7 @@ def simulator_from(records, dt, columns=None):
         tell has that of Student's law; of one, any may be as large.
     """
     records = np.atleast_2d(records)[:MOST_RECORDS]
-    first = diagnose(records[0], dt, default_hypotheses(less_dropouts(records[0]), dt),
-                     columns)
+    first = diagnose(records[0], dt, default_simulator(records[0], dt), columns)
     acc = first.final
     seen = as_read(first.scene, acc.readings)
     samples, amplitudes = [acc.sample], [_amplitudes(seen, acc)]

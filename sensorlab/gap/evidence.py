@@ -96,6 +96,11 @@ FLATTER = 0.3             # power of the likelihood that draws tails
 NOTHING = -1e100          # log-likelihood where a filter breaks down
 
 
+def or_nothing(log_likelihood):
+    """Log-likelihoods, NOTHING where they are not finite."""
+    return np.where(np.isfinite(log_likelihood), log_likelihood, NOTHING)
+
+
 def effort(scene):
     """Share of the points that a record of this length is worth: of a long one, what
     differs differs by more.
@@ -183,7 +188,7 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
             theta, more = move(theta)
             moved += more
         ll = log_likelihood(theta)
-        return _Points(x, theta, moved, np.where(np.isfinite(ll), ll, NOTHING))
+        return _Points(x, theta, moved, or_nothing(ll))
 
     d = len(free_columns(parameters))
     if d == 0:

@@ -11,7 +11,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import Parameter, at_quantiles, brief, free_columns
-from sensorlab.gap.evidence import NOTHING, effort, log_sum
+from sensorlab.gap.evidence import effort, log_sum, or_nothing
 from sensorlab.gap.filters import log_likelihoods
 
 
@@ -78,8 +78,8 @@ def joint_of(scene, acc, ranges):
     placed = [Parameter(p.symbol, p.low, p.high, p.low > 0.0) for p in ranges]
 
     def log_likelihood(place):
-        told = log_likelihoods(h, scene, acc.signatures, at_quantiles(placed, place))
-        return np.where(np.isfinite(told), told, NOTHING)
+        return or_nothing(log_likelihoods(
+            h, scene, acc.signatures, at_quantiles(placed, place)))
     own = acc.sample
     surface = surface_of(log_likelihood, _place(own.theta[:, columns], low, high),
                          own.log_likelihood[:, 0], round(ROUND * effort(scene)))

@@ -8,10 +8,11 @@ import numpy as np
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import (
-    Parameter, as_hypotheses, at_quantiles, free_columns, mean_square, random_walk,
-    rate_ramp)
+    Parameter, as_hypotheses, at_quantiles, default_hypotheses, free_columns,
+    mean_square, random_walk, rate_ramp)
 from sensorlab.gap.account import account
 from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.dropouts import less_dropouts
 from sensorlab.gap.effects import Found, columns_of, fixed, known_values, signature_of
 from sensorlab.gap.kernels.arithmetic import dot
 from sensorlab.gap.linear import Signature
@@ -22,6 +23,13 @@ from sensorlab.gap.standins import bias_of
 UNEXPECTED = 3.0        # standard deviations of the mean: a bias the simulator lacks
 FAR_FROM_ZERO = 30.0    # standard deviations of the record
 ROUNDING = 1e5          # a prior this much wider than the record tells nothing
+
+
+def default_simulator(y, dt):
+    """A `Simulator` of the default hypotheses of a record (N,); lost samples for which
+    it has a constant tell nothing of their ranges.
+    """
+    return Simulator(default_hypotheses(less_dropouts(y), dt))
 
 
 def as_simulator(simulator):

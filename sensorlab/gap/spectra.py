@@ -14,7 +14,7 @@ from scipy.special import logsumexp, ndtr, ndtri
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import at_quantiles, brief, free_columns, mesh, middles
-from sensorlab.gap.evidence import NOTHING, climb
+from sensorlab.gap.evidence import climb, or_nothing
 from sensorlab.gap.filters import predict
 from sensorlab.gap.kernels.arithmetic import spectrum
 from sensorlab.gap.kernels.lanes import KERNEL, in_threads
@@ -127,9 +127,8 @@ def _log_bayes(richer, scene, seen, theta):
     ratio = _densities(richer, scene, nodes, seen.frequency) / seen.density
     total = seen.count.sum()
     with np.errstate(invalid="ignore"):    # next to nothing may be less by rounding
-        gain = -total * np.log((seen.power / ratio) @ seen.count / total) - (
-            np.log(ratio) @ seen.count)
-    gain = np.where(np.isfinite(gain), gain, NOTHING)
+        gain = or_nothing(-total * np.log((seen.power / ratio) @ seen.count / total) - (
+            np.log(ratio) @ seen.count))
     # as for an account, no more than by Akaike's correction
     return min(logsumexp(gain) - np.log(len(gain)), gain.max() - len(own))
 
@@ -263,7 +262,7 @@ def posterior_law(h, scene, signatures, other, theta, known):
         for column, p in enumerate(h.parameters):
             if isinstance(p, Sought):
                 gain += p.log_ratio(theta[:, column])
-        return np.where(np.isfinite(gain), gain, NOTHING) - 0.5 * (x**2).sum(1)
+        return or_nothing(gain) - 0.5 * (x**2).sum(1)
 
     def best(x):
         return x[log_posterior(x).argmax()]
