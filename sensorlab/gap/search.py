@@ -96,7 +96,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
                     continue
         if look.account is not None and not coarse:
             look = _or_a_pair(scene, acc, look, effects, functools.partial(
-                _describes, glanced, look.account, after))
+                _describes, scene, glanced, look.account, after))
         found = [c for c in look.causes if c.found]
         left, known = max([0.0, *(c.log_bayes for c in found)]), None
         if twins and look.account is not None and len(found[0].found) == 1:
@@ -313,9 +313,9 @@ def _sought_again(full, acc, path, one):
         log_bayes=rest.log_bayes + look.account.log_evidence - less.log_evidence)
 
 
-def _describes(glanced, acc, near):
+def _describes(scene, glanced, acc, near):
     """Does an account leave nothing of a record that stands out?"""
-    return glanced(acc, near).p_value >= LOOK_ON
+    return glanced(acc, near).p_value >= LOOK_ON * effort(scene)
 
 
 def _or_a_pair(scene, acc, look, effects, describes):

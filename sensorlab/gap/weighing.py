@@ -68,8 +68,9 @@ def with_best(found, by_chance, among):
         _seen_elsewhere(scene, acc, one)
         return _account_with(scene, acc, one)
     if acc.member.has_jumps:
-        _seen_by_jumps(rivals, account_with, hidden=not others)
-        _seen_better(rivals, others, account_with)
+        enough = -_probabilities(acc, rivals, among)[0]
+        _seen_by_jumps(rivals, account_with, enough, hidden=not others)
+        _seen_better(rivals, others, account_with, enough)
     while True:
         prior, alone, share = _probabilities(acc, rivals, among)
         weighed = Weighed(prior, alone, share, _grouped(rivals, share))
@@ -157,41 +158,42 @@ def _seen_elsewhere(scene, acc, rival, count=None):
 MOST_RAISED = 3    # rivals nearly as good as the best: one alone would gain on them
 
 
-def _seen_by_jumps(rivals, account_with, hidden):
+def _seen_by_jumps(rivals, account_with, enough, hidden):
     """The best of the rivals that were sought where something stands in for jumps,
-    signatures and processes, where the filter with jumps sees more of them; may they be
-    `hidden` by that, even what is not worth anything there.
+    signatures and processes, where the filter with jumps sees more of them; `enough` and
+    `hidden` as for `_near_best`.
     """
     signatures = [k for k, one in enumerate(rivals) if one.family]
     processes = [k for k, one in enumerate(rivals) if one.account and one.effect.model
                  and not one.effect.jumps]
-    for k in [*_near_best(rivals, signatures, hidden),
-              *_near_best(rivals, processes, hidden)]:
+    for k in [*_near_best(rivals, signatures, enough, hidden),
+              *_near_best(rivals, processes, enough, hidden)]:
         chosen, worth = account_with(rivals[k])
         if worth > rivals[k].log_bayes:
             rivals[k] = rivals[k]._replace(chosen=chosen, log_bayes=worth)
 
 
-def _near_best(rivals, some, hidden=False):
-    """Numbers of those rivals, among some, that may be the best of them; that is worth
-    something, if it is not `hidden`.
+def _near_best(rivals, some, enough, hidden=False):
+    """Numbers of those rivals, among some, that may be the best of them, and as probable
+    as none, for which a ln B is `enough`; where they may be `hidden`, one at least.
     """
     some = sorted(some, key=lambda k: -rivals[k].log_bayes)[:MOST_RAISED]
-    least = max(rivals[some[0]].log_bayes - MATTERS, 0.0) if some else 0.0
+    best = max(rivals[some[0]].log_bayes, enough) if some else 0.0
+    least = max(best - MATTERS, 0.0)
     near = [k for k in some if rivals[k].log_bayes >= least]
     return near or some[:hidden]
 
 
-def _seen_better(rivals, others, account_with):
+def _seen_better(rivals, others, account_with, enough):
     """The best of others, which are signatures, in the place of the same among the
-    rivals, where the filter with jumps sees more of them.
+    rivals, where the filter with jumps sees more of them; `enough` as for `_near_best`.
     """
     def kind(one):
         family = one.stand_in.listed[one.family - 1]
         return family.effect, family.column, family.low_pass
     number = {kind(one): k for k, one in enumerate(rivals) if one.family}
     some = [k for k, one in enumerate(others) if kind(one) in number]
-    for other in (others[k] for k in _near_best(others, some)):
+    for other in (others[k] for k in _near_best(others, some, enough)):
         chosen, worth = account_with(other)
         k = number[kind(other)]
         if rivals[k].log_bayes > worth and not rivals[k].chosen:
