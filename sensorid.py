@@ -148,6 +148,12 @@ def check_whole(value, what, least=0):
         raise ValueError(f"{what} {value}: whole numbers >= {least} are needed")
 
 
+def check_seed(seed):
+    """Refuse what is no seed of random numbers."""
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ValueError(f"the seed is {seed!r}: a whole number >= 0 is needed")
+
+
 MIN_SAMPLES = 16    # fewer say nothing of any correlated process
 SCALE = 1e-15, 1e15    # u, of values: products of their squares remain numbers
 
@@ -473,7 +479,7 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
             raise ValueError(f"unknown hypothesis {model!r}: "
                              f"known are {', '.join(MODELS)}")
         model = MODELS[model]
-    name = name or model.__name__
+    name = name or getattr(model, "__name__", type(model).__name__)
     if not isinstance(name, str):
         raise ValueError(f"the name of a hypothesis is {name!r}: a text is needed, and "
                          "bias_sigma=, prior= and parameters by their names")
@@ -645,7 +651,7 @@ def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
         Sampling interval, s.
     samples, trials : int
         Length N of a record and number L of records.
-    seed, first : int
+    seed, first : int >= 0
         Trial number l = first, first + 1, ... owns the stream `spawn_key=(l,)` of the
         seed, so that any part of a set of trials can be drawn alone.
 
@@ -661,6 +667,7 @@ def simulate(hypotheses, dt, samples, trials=1, seed=0, first=0):
     """
     hypotheses = as_hypotheses(hypotheses)
     check_interval(dt)
+    check_seed(seed)
     try:
         error = np.empty((operator.index(trials), operator.index(samples)))
     except (TypeError, ValueError):
@@ -750,7 +757,8 @@ class Grid(NamedTuple):
     power: float              # prior of ln scale: scale**power
 
 
-ANYWHERE = 0.618    # quantile of a prior at which nothing is special
+ANYWHERE = 0.618    # its multiples are spread evenly over 0..1: quantiles of a prior
+PLACES = 12         # at which a filter is asked whether it is linear in its noises
 
 
 def _scale_parameter(h, dt):
@@ -762,14 +770,20 @@ def _scale_parameter(h, dt):
     if not sigma or any(not h.parameters[c].free and h.parameters[c].high > 0
                         for c in sigma):
         return None
-    once = np.array([p.quantile(ANYWHERE) for p in h.parameters])    # 0 is special
-    twice = once.copy()
-    twice[sigma] *= 2.0
-    one, two = h.filter(dt, once), h.filter(dt, twice)
     factors = dict(Phi=1.0, H=1.0, Gamma=2.0, Psi=2.0, P0=4.0, m0=2.0)
-    linear = all(np.allclose(getattr(two, m), factor * getattr(one, m),
-                             rtol=1e-12, atol=0.0)
-                 for m, factor in factors.items()) and not one.m0.any()
+
+    def is_linear(place):
+        once = np.array([p.quantile((place * ANYWHERE**column) % 1.0) for column, p in
+                         enumerate(h.parameters, 1)])
+        twice = once.copy()
+        twice[sigma] *= 2.0
+        one, two = h.filter(dt, once), h.filter(dt, twice)
+        return not one.m0.any() and all(
+            np.allclose(getattr(two, m), factor * getattr(one, m), rtol=1e-12, atol=0.0)
+            for m, factor in factors.items())
+    # 0 is special; those of MODELS are linear everywhere, if they are
+    places = 1 if h.model in MODELS.values() else PLACES
+    linear = all(map(is_linear, range(1, 1 + places)))
     return [c for c in sigma if h.parameters[c].free][-1] if linear else None
 
 
@@ -3484,8 +3498,11 @@ def identify_csv(file, column="error", dt=None):
     if np.isnan(y).any():
         raise ValueError(f"{file}: sample {np.argmax(np.isnan(y))} of {column} is no "
                          "number: sensorlab reads records with missing samples")
+    step = np.diff(table["time"]) if "time" in names else np.empty(0)
+    if dt is not None and len(step) and abs(np.median(step) - dt) > 0.1 * dt:
+        raise ValueError(f"{file}: the times are {np.median(step):g} s apart, --dt is "
+                         f"{dt:g} s: leave it out")
     if dt is None:
-        step = np.diff(table["time"])
         dt = float(np.mean(step)) if len(step) else 1.0
         if not (np.abs(step - dt) < 0.1 * dt).all():
             raise ValueError(f"{file}: the times are not evenly spaced: sensorlab "

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import Parameter, as_parameter, hypothesis
+from sensorid import MODELS, Parameter, as_parameter, hypothesis
 from sensorlab.foreign import translated
 from sensorlab.foreign.parts import FOREIGN
 from sensorlab.gap.catalogue import CATALOGUE
@@ -156,9 +156,10 @@ def check_onsets(simulator, scene):
 
 
 def model_text(model):
-    """JSON text of a model file."""
+    """JSON text of a model file; ValueError if it could not be read again."""
     hypotheses = []
     for h, effects in model.simulator.pairs:
+        _check_known(h, effects)
         log = all(p.log for p in h.parameters if p.free)
         bias = dict(bias_sigma=h.bias_sigma) if h.bias_given else {}
         entry = dict(name=h.model.__name__, label=h.name, **bias,
@@ -174,6 +175,17 @@ def model_text(model):
     posterior = dict(posterior_of=model.posterior_of) if model.posterior_of else {}
     return json.dumps(dict(dt=model.dt, unit=model.unit, **posterior,
                            hypotheses=hypotheses), indent=1)
+
+
+def _check_known(h, effects):
+    """Refuse what no name in a model file stands for."""
+    if h.model not in MODELS.values():
+        raise ValueError(f"the model of {h.name} is one of your own: a model file can "
+                         f"have {', '.join(MODELS)} alone")
+    for one in effects:
+        if one.effect is not CATALOGUE.get(one.name):
+            raise ValueError(f"the effect {one.name} is one of your own: a model file "
+                             "can have those of the catalogue alone")
 
 
 def _low_pass(one):

@@ -15,9 +15,9 @@ from scipy.optimize import least_squares, minimize
 from scipy.special import gammaincinv, ndtri
 
 from sensorid import (
-    JIT, Parameter, allan_deviation, at_quantiles, bank, check_whole, filter_bank,
-    free_columns, log_likelihood, markov, model_allan_variance, modes, random_walk,
-    simulate, white_noise)
+    JIT, Parameter, allan_deviation, at_quantiles, bank, check_seed, check_whole,
+    filter_bank, free_columns, log_likelihood, markov, model_allan_variance, modes,
+    random_walk, simulate, white_noise)
 from sensorlab.gap.kernels.arithmetic import spectrum
 
 
@@ -156,6 +156,9 @@ def whittle(y, dt, hypotheses):
     P. Whittle, Ark. Mat. 2, 1953. Differences are stationary for a random walk, too,
     and free of the bias. For sums of one-state processes without missing samples.
     """
+    if np.ndim(y) != 1 or not np.isfinite(y).all():
+        raise ValueError("Whittle's likelihood is of one record without missing "
+                         "samples")
     n = len(y) - 1
     power = np.abs(np.fft.rfft(np.diff(y)))[1:(n + 1) // 2]**2 / n
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(1, (n + 1) // 2) / n)
@@ -277,6 +280,7 @@ def estimation_bound(h, dt, times, trials=2000, seed=0):
         raise ValueError(f"{h.name} has a log-uniform prior: "
                          "the bound is of uniform ones")
     check_whole(trials, "numbers of trials", FEWEST_TRIALS)
+    check_seed(seed)
     stops = np.round(np.asarray(times) / dt).astype(int)
     free = [p for p in h.parameters if p.free]
     if not free:

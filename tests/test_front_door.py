@@ -50,6 +50,8 @@ def test_the_module_alone_identifies_a_plain_csv(record):
     assert "random_walk" in done.stdout and "decision at threshold" in done.stdout
     done = alone(record, "identify", "r.csv", "--column", "nope")
     assert done.returncode == 2 and "no column 'nope' among time, error" in done.stderr
+    done = alone(record, "identify", "r.csv", "--dt", "0.5")
+    assert done.returncode == 2 and "1 s apart, --dt is 0.5 s" in done.stderr
 
 
 @pytest.mark.parametrize("line", ["criteria m.json --duration 5", "diagnose r.csv",

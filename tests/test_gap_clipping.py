@@ -84,6 +84,18 @@ def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
         assert_allclose(seen, high)
 
 
+@pytest.mark.parametrize("scatter", [8.0, 30.0])
+def test_what_is_folded_or_begins_again_at_its_other_end_has_no_limit(scatter):
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        x = np.round(scatter * rng.standard_normal(3000))
+        assert not limits_seen(np.abs(x))
+        end = np.round(1.5 * scatter)
+        assert not limits_seen((x + end) % (2.0 * end) - end)
+        ((low, _),) = limits_seen(np.maximum(x, 0.0))
+        assert low == 0.0
+
+
 @pytest.mark.parametrize("share", [large(0.03), 0.15])
 def test_beneath_limits_the_noise_is_right_and_a_line_is_found(share):
     rng, time = np.random.default_rng(5), 0.01 * np.arange(3000)

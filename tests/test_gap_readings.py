@@ -162,6 +162,15 @@ def test_what_moves_through_coarse_counts_repeats_nothing():
                 r.found.name for r in readings.readings(Scene(y, DT, {}))]
 
 
+@pytest.mark.parametrize("rate", [0.0, 1.0, 3.0, 7.6, 12.0])
+def test_an_angle_in_counts_repeats_nothing(rate):
+    for seed in range(5):
+        step = np.random.default_rng(seed).normal(rate, 7.0, 2000)
+        y = np.cumsum(np.round(step))
+        assert "repeated_samples" not in [
+            r.found.name for r in readings.readings(Scene(y, DT, {}))]
+
+
 @pytest.mark.parametrize("times", [2, 3, 7, 8, 9, 10, 12, 16, 25, 40])
 def test_a_sensor_of_which_every_value_is_logged_so_often_has_its_rate_read(times):
     for samples in (2000, 6000):

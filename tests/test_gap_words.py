@@ -65,6 +65,8 @@ def test_sizes_of_two_effects_of_one_name_are_both_said():
     stuck = found("stuck", spans=([[3.0, 9], [40.0, 7]], 0.0))
     assert sizes.sizes([clipped, stuck], "mg", DT) == (
         "saturation: limits -inf to 2.5 mg; stuck: spans 2 of them")
+    full = found("saturation", limits=([-np.inf, 65535.0], 0.0))
+    assert sizes.sizes([full], "mg", DT) == "limits -inf to 65535 mg"
     again = found("repeated_samples", frequency=(70.0, 0.0), phase=(None, 0.0))
     assert sizes.sizes([again], "mg", DT) == "frequency 70 Hz, at random"
     codes = found("differential_nonlinearity", codes=([[3.0, 1.5], [4.0, 0.5]], 0.0))
@@ -78,6 +80,11 @@ def test_a_wrong_factor_is_recognised():
     assert sizes.looks_like(7.0, 0.1, 0.01) == ""
     assert "mg taken for m/s^2" in sizes.looks_like(0.009807, 0.0, 0.01)
     assert "the sampling rate" in sizes.looks_like(0.0101, 0.0002, 0.01)
+    assert "rad taken for deg" in sizes.looks_like(57.3, 0.1)
+    assert "deg taken for rad" in sizes.looks_like(1.0 / 57.3, 1e-4)
+    slower = found("wrong_parameter", parameter=("bandwidth.tau", 0.0),
+                   factor=(9.8, 0.1))
+    assert "taken for" not in sizes.sizes([slower], "mg", 0.01)
     exact = found("wrong_parameter", parameter=("quantization.lsb", 0.0),
                   factor=(10.0, 0.0))
     assert sizes.sizes([exact], "mg", 0.01) == "parameter quantization.lsb, factor 10"

@@ -40,7 +40,24 @@ def test_scale_is_integrated_only_where_all_noises_are_free():
     def odd(dt, sigma_a):
         return s.shaping_filter([[0.5]], [[sigma_a**2]], [1.0], sigma_a)
 
-    assert s._scale_parameter(s.hypothesis(odd, sigma_a=(0.1, 1.0)), 1.0) is None
+    def at_least(dt, sigma_v, lsb):
+        return s.shaping_filter([[1]], [[0.1 * sigma_v]], [1], max(sigma_v, lsb))
+
+    def bent(dt, sigma_v):
+        return s.shaping_filter([[1]], [[0]], [1], sigma_v * (1 + 2 * (sigma_v > 0.6)))
+    for model, more in ((odd, {}), (bent, {}), (at_least, dict(lsb=(0.0, 1.0)))):
+        symbol = "sigma_a" if model is odd else "sigma_v"
+        h = s.hypothesis(model, **{symbol: (0.1, 1.0)}, **more)
+        assert s._scale_parameter(h, 1.0) is None
+
+
+def test_what_is_not_linear_in_its_noise_has_the_posterior_of_a_plain_grid():
+    def at_least(dt, sigma_v, lsb):
+        return s.shaping_filter([[1]], [[0.1 * sigma_v]], [1], max(sigma_v, lsb))
+    h = s.hypothesis(at_least, sigma_v=(0.1, 1.0), lsb=(0.0, 1.0))
+    y = s.simulate([h], 0.1, 200, seed=0).error[0]
+    _, mean, _ = next(s.posteriors(s.uniform_grid(h, 0.1, 81), y[None], [200]))
+    assert_allclose(s.identify(y, 0.1, [h]).estimates[0].mean, mean[0], atol=0.02)
 
 
 def test_a_ramp_weighs_nodes_so_that_linear_functions_are_integrated():

@@ -84,6 +84,13 @@ def test_whittle_sees_no_walk_in_white_noise():
     assert walks <= binom.ppf(0.999, 40, 0.5 * chi2.sf(2.0, 1))
 
 
+def test_whittle_likelihood_is_of_whole_records():
+    y = np.random.default_rng(0).normal(size=50)
+    y[7] = np.nan
+    with pytest.raises(ValueError, match="without missing samples"):
+        rivals.whittle(y, 1.0, (s.hypothesis("white_noise", sigma_v=(0.5, 2.0)),))
+
+
 def test_fixed_hypotheses_have_nothing_to_estimate():
     H = (s.hypothesis("white_noise", sigma_v=1.0),
          s.hypothesis("random_walk", sigma_w=0.5, sigma_v=1.0))

@@ -52,7 +52,7 @@ ROOMS = {    # of the laboratory; each takes only from those before it, and befo
              # folder
     "sensorlab/gap": ["costs", "effects", "members", "draws", "shapes", "processes",
                       "values", "repeats", "interpolated", "dropouts", "catalogue",
-                      "kernels",
+                      "own", "kernels",
                       "lowpass", "parts", "linear", "filters", "backward", "evidence",
                       "changes", "joint", "screens", "spectra", "signatures", "onsets",
                       "scans", "tuning", "codes", "clipping", "averages", "readings",

@@ -41,7 +41,7 @@ Notation
 
 The files read in the order of the argument; each takes only from those before it:
 costs, effects, members, draws, shapes, processes, values, repeats, interpolated,
-dropouts, catalogue, kernels, lowpass, parts, linear, filters, backward, evidence,
+dropouts, catalogue, own, kernels, lowpass, parts, linear, filters, backward, evidence,
 changes, joint, screens, spectra, signatures, onsets, scans, tuning, codes, clipping,
 averages, readings, standins, guesses, account, implied, directed, rival, wrong, inside,
 sought, weighing, causes, refits, pairs, probes, places, distance, closure, drift,

@@ -3,6 +3,8 @@
 An effect of your own is another `Effect`; those below are examples of every kind.
 """
 
+import copyreg
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
@@ -448,6 +450,21 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="correlated noise, bandwidth",
            experiment="compare the Allan deviation with the data sheet, unit by unit"),
 )}
+
+
+def in_catalogue(name):
+    """The effect of a name."""
+    return CATALOGUE[name]
+
+
+def _pickled(effect):
+    """An effect for another process, which has the catalogue, too."""
+    if effect is CATALOGUE.get(effect.name):
+        return in_catalogue, (effect.name,)
+    return Effect, tuple(effect)
+
+
+copyreg.pickle(Effect, _pickled)
 
 
 def columns_for(effect, scene):

@@ -67,7 +67,8 @@ def _ends_abruptly(apart, lsb):
     quantile of 1 - n / N, and beyond it r n are to be expected at least, r the sum of
     exp(-D x - x^2 / 2), x in units of s; a code may be half as wide again. That n are
     on it and none beyond has at most the probability (1 + r)^-n, whatever was to be
-    expected there.
+    expected there. Those others must be on it, too: a record that is folded, or begins
+    again at its other end, ends as abruptly.
     """
     left = unpredicted(apart[:TELLING])
     if left is None:
@@ -79,7 +80,16 @@ def _ends_abruptly(apart, lsb):
         return False
     x = lsb / noise * (np.arange(1, int(SPAN * noise / lsb) + 2) + 0.5)
     above = -ndtri(0.5 * count / len(apart))
-    return count * np.log1p(np.exp(-above * x - 0.5 * x**2).sum()) > ABRUPT
+    beyond = np.exp(-above * x - 0.5 * x**2).sum()
+    return count * np.log1p(beyond) > ABRUPT and _holds_more(apart / lsb, beyond)
+
+
+def _holds_more(apart, beyond):
+    """May the last code of a lattice hold so many times its own samples more? Samples
+    are so many codes `apart` (N,) from it. Less than half as many do not tell.
+    """
+    root, foretold, sd = _foretold(apart, 1)
+    return beyond < 0.5 or root > np.sqrt(1.0 + beyond) * foretold - TOO_FEW * sd
 
 
 APART = 5.0    # standard deviations of the noise: what is farther out was never clipped
@@ -94,12 +104,26 @@ def _is_near(end, seen, lsb):
     return np.abs(end - others).min(initial=np.inf) <= max(APART * noise, 1.5 * lsb)
 
 
+TOO_FEW = 2.0    # standard deviations by which there are less than that
 FEWEST_NEXT, MOST_NEXT = 4, 8    # codes next to the last one, that foretell it
 PILED = 4.0    # standard deviations by which there is more than they foretell
 
 
 def _piles_up(apart):
     """Is the last code of a lattice met more often than those next to it foretell?
+    Samples are so many codes `apart` (N,) from it.
+    """
+    told = _foretold(apart, FEWEST_NEXT)
+    if told is None:
+        return False
+    root, foretold, sd = told
+    return root - foretold > PILED * sd
+
+
+def _foretold(apart, fewest):
+    """Root of the count of the last code of a lattice; what those next to it foretell,
+    and the standard deviation of the difference; None if these are less than the
+    fewest.
 
     Samples are so many codes `apart` (N,) from it. Roots of counts have one variance,
     or more if codes are of uneven width (F. J. Anscombe, Biometrika 35, 1948); up to
@@ -109,15 +133,16 @@ def _piles_up(apart):
     count = np.bincount(near, minlength=FEWEST_NEXT)
     root, own = np.sqrt(count + 0.375), np.arange(
         1, min(MOST_NEXT, count[1:].argmax() + 1) + 1)
-    if len(own) < FEWEST_NEXT:
-        return False
-    powers = np.vander(own, 3 if len(own) > FEWEST_NEXT + 1 else 2, increasing=True)
+    if len(own) < fewest:
+        return None
+    powers = np.vander(own, 3 if len(own) > FEWEST_NEXT + 1 else min(len(own), 2),
+                       increasing=True)
     inverse = np.linalg.inv(powers.T @ powers)
     fit = inverse @ (powers.T @ root[own])
     off = root[own] - powers @ fit
-    variance = max(0.25, off @ off / (len(own) - len(fit)))
-    foretold = max(fit[0], np.sqrt(0.375))
-    return root[0] - foretold > PILED * np.sqrt(variance * (1.0 + inverse[0, 0]))
+    variance = max(0.25, off @ off / max(len(own) - len(fit), 1))
+    return root[0], max(fit[0], np.sqrt(0.375)), np.sqrt(
+        variance * (1.0 + inverse[0, 0]))
 
 
 def latent_law(y, ends, lsb):

@@ -108,10 +108,12 @@ def _fitted(count, basis, at, law=1.0):
     for _ in range(NEWTON_STEPS):
         own = law * np.exp(basis @ at)
         slope = basis.T @ (count - own) - FLAT * at
-        at += np.linalg.solve(basis.T @ (own[:, None] * basis)
-                              + FLAT * np.eye(len(at)), slope)
+        step = np.linalg.solve(basis.T @ (own[:, None] * basis)
+                               + FLAT * np.eye(len(at)), slope)
+        at += step / max(np.abs(basis @ step).max() / NEWTON_NATS, 1.0)
     return law * np.exp(basis @ at)
 
 
 NEWTON_STEPS = 20
+NEWTON_NATS = 2.0    # that a law changes in one of them, at most
 FLAT = 1e-3    # weight of a prior of the coefficients: where nothing was counted

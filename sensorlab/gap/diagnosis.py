@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import as_samples, brief, one_thread_if
+from sensorid import as_samples, brief, check_seed, one_thread_if
 from sensorlab.gap.account import Account, with_tails
-from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.causes import Cause
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
 from sensorlab.gap.costs import check_memory, heard_by, say, share_heap
@@ -21,6 +20,7 @@ from sensorlab.gap.implied import as_simulated, in_place
 from sensorlab.gap.known import (
     as_simulator, bias_beside, check_recorded, check_scene, check_units, with_readings,
     without_known)
+from sensorlab.gap.own import as_effects, check_parameters
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing, recorded
 from sensorlab.gap.refits import estimated_together
 from sensorlab.gap.remainder import Remainder, parts, remainder
@@ -76,8 +76,9 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         Draws one of its hypotheses with equal probability.
     columns : dict of (N,) arrays, or DataFrame or Dataset of them, optional
         What was recorded beside the error; `CATALOGUE` names what is looked for.
-    effects : sequence of Effect, optional
-        By default all of the catalogue.
+    effects : sequence of Effect, or of their names in CATALOGUE, optional
+        By default all of the catalogue. What the values show by themselves, such as
+        quantization, is always looked for.
     trials : int, optional
         Simulated records behind every p-value; by default TRIALS, fewer for a long
         record, more where a probability hangs on them.
@@ -97,6 +98,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     ------
     ValueError
         If the record is too short, constant or not finite, a column does not fit it,
+        an effect of your own cannot be looked for,
         a hypothesis is no sum of random walks and stationary processes of one state or
         two, or the simulator has effects that cannot be in one.
     MemoryError
@@ -106,7 +108,9 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     columns = {} if columns is None else {
         str(name): as_samples(x) for name, x in dict(columns).items()}
     check_scene(y, dt, columns)
-    effects = tuple(CATALOGUE.values() if effects is None else effects)
+    check_seed(seed)
+    effects = as_effects(effects)
+    check_parameters(effects, Scene(y, dt, columns))
     simulator = as_simulator(simulator)
     check_memory(len(y), len(columns))
     short = len(y) <= SHORT_RECORD

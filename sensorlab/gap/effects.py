@@ -97,7 +97,8 @@ class Effect(NamedTuple):
     columns: Callable = None    # (scene, x, psi) -> pairs of a variant and an (N, k)
                                 # array, k <= 2, which a size multiplies; x is the
                                 # column beside the error, psi the parameter,
-                                # or a tuple where there are several
+                                # or a tuple where there are several, for which it is
+                                # searched as for a pulse or waves
     model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
                                 # takes the variant, where there are variants, and x,
                                 # where it is relative to something

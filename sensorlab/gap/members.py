@@ -18,7 +18,12 @@ class Simulator(NamedTuple):
     @property
     def pairs(self):
         """(hypothesis, its effects) of all."""
-        return tuple(zip(self.hypotheses, self.effects or ((),) * len(self.hypotheses)))
+        effects = self.effects or ((),) * len(self.hypotheses)
+        if len(effects) != len(self.hypotheses):
+            raise ValueError(f"a simulator with {len(self.hypotheses)} hypotheses and "
+                             f"the effects of {len(effects)}: a tuple for each is "
+                             "needed")
+        return tuple(zip(self.hypotheses, effects))
 
 
 class Member(NamedTuple):

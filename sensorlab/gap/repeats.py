@@ -131,8 +131,9 @@ def repeated_at_random(y):
     explains those that equal it, or they come in spans or in parts of the record.
 
     Where values lie on a lattice, some are equal by chance, which is as likely as that
-    they equal an earlier one, the likelier the nearer they are. Which of them these
-    are says nothing: as many as there are by chance are left out at random.
+    they equal an earlier one, the likelier the nearer they are; or, if the record runs
+    away from these, as that they are one spacing apart. Which of them these are says
+    nothing: as many as there are by chance are left out at random.
     """
     return _repeated_in(np.asarray(y, float).tobytes())
 
@@ -148,8 +149,9 @@ def _repeated_in(y):
         return none
     lsb, near = lattice(fresh), np.abs(np.diff(fresh)).mean()
     earlier = [np.abs(y[lag:] - y[:-lag]) for lag in EARLIER]
-    chance = np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / near for d in earlier]
-                     ) if lsb else _equal_by_chance(fresh)
+    chance = max(np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / near for d in earlier
+                          ]), _neighbours(fresh, lsb)
+                 ) if lsb else _equal_by_chance(fresh)
     share = count / len(y)
     spans = np.sum(same[1:] & ~same[:-1])
     parts = [part.sum() for part in np.array_split(same, 4)]
@@ -161,6 +163,13 @@ def _repeated_in(y):
         return none
     keep = np.random.default_rng(0).random(len(y)) > chance / count
     return same & keep
+
+
+def _neighbours(y, lsb):
+    """How many neighbours of a record are one spacing of its lattice apart, up or down
+    on average.
+    """
+    return 0.5 * np.sum(np.abs(np.abs(np.diff(y)) - lsb) < 0.5 * lsb)
 
 
 OFTEN = 0.25    # as often as the difference that is met most

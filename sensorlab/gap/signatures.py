@@ -213,9 +213,20 @@ def columns_at(scene, family, psi):
                 raise ValueError(
                     f"effect {family.effect.name} builds columns of shape "
                     f"{columns.shape}: ({N}, 1) or ({N}, 2) are needed")
+            if not np.isrealobj(columns) or not np.isfinite(columns).all():
+                raise ValueError(f"effect {family.effect.name} builds columns with "
+                                 f"{_first_odd(columns)}: finite real numbers are "
+                                 "needed")
             if np.any(columns):
                 yield value, variant, (family.low_pass.passed(columns, scene.dt)
                                        if family.low_pass else columns)
+
+
+def _first_odd(columns):
+    """What is no finite real number in columns (N, k), and where, in words."""
+    odd = np.argwhere(~np.isfinite(columns))
+    return f"{columns[tuple(odd[0])]:g} at sample {odd[0][0]}" if len(odd) else (
+        "complex numbers")
 
 
 def scores_at(scene, family, solved, psi=None):

@@ -104,25 +104,28 @@ def values_text(values, unit, column="", dt=None):
         if dt and symbol == "factor":
             name, _ = values.get("parameter", ("", 0.0))
             # what a record only lies beyond
-            parts.append("or more" if name.endswith(".limits") else looks_like(
-                mean, sd, None if name.endswith(".lsb") else dt))
+            parts.append("or more" if name.endswith(".limits") else "" if unit_of(
+                name.split(".")[-1], "u") in NO_UNIT else looks_like(
+                    mean, sd, None if name.endswith(".lsb") else dt))
     return ", ".join(filter(None, parts))
 
 
 def _shown(symbol, values):
     """A list of values of a reading as text."""
     if symbol == "limits":
-        return " to ".join(map(number, values))
+        return " to ".join(number(x, LIMIT_DIGITS) for x in values)
     if symbol == "codes":
         _, width = np.transpose(values)
         return f"{len(values)} of width {number(width.min())} to {number(width.max())}"
     return f"{len(values)} of them"
 
 
-FACTORS = {9.80665: "g taken for m/s^2", 1e3 / 9.80665: "mg taken for m/s^2",
-           57.29578: "deg taken for rad", 3600.0: "per hour taken for per second",
-           206264.806: "deg/h taken for rad/s", 60.0: "per root hour taken for per root"
-           " second", 1000.0: "milli left out"}
+LIMIT_DIGITS = 10               # a full scale is known by all of them
+NO_UNIT = "s", "Hz", "rad"      # of the record, that could be another
+FACTORS = {    # so many times a number in the first unit is one in the second
+    9.80665: ("g", "m/s^2"), 1e3 / 9.80665: ("m/s^2", "mg"), 57.29578: ("rad", "deg"),
+    3600.0: ("per second", "per hour"), 206264.806: ("rad/s", "deg/h"),
+    60.0: ("per root second", "per root hour"), 1000.0: ("the unit", "milli of it")}
 NEAR = 0.005    # relative: a factor this near to a known one may be it
 
 
@@ -130,12 +133,15 @@ def looks_like(factor, sd, dt=None):
     """What a wrong factor usually is; with dt, of a standard deviation."""
     if factor == 0.0:
         return "the record has none"
-    named = dict(FACTORS)
+    known = [pair for value, (one, other) in FACTORS.items()
+             for pair in ((value, f"{one} taken for {other}"),
+                          (1.0 / value, f"{other} taken for {one}"))]
     if dt:
-        named |= {1.0 / dt: "the sampling rate", dt**-0.5: "root of the rate: a density"
-                  " taken for a per-sample sigma, or the other way round"}
-    known = [(v, text) for value, text in named.items() for v in (value, 1.0 / value)
-             if abs(np.log(v)) > 0.2]
+        known += [(v, text) for value, text in (
+            (1.0 / dt, "the sampling rate"),
+            (dt**-0.5, "root of the rate: a density taken for a per-sample sigma, or "
+                       "the other way round"))
+            for v in (value, 1.0 / value) if abs(np.log(v)) > 0.2]
     v, text = min(known, key=lambda one: abs(np.log(factor / one[0])))
     if abs(factor - v) < max(3.0 * sd, NEAR * v) and sd < 0.2 * v:
         return f"about {v:.4g}: {text}"

@@ -160,8 +160,8 @@ MOST_RAISED = 3    # rivals nearly as good as the best: one alone would gain on 
 
 def _seen_by_jumps(rivals, account_with, enough, hidden):
     """The best of the rivals that were sought where something stands in for jumps,
-    signatures and processes, where the filter with jumps sees more of them; `enough` and
-    `hidden` as for `_near_best`.
+    signatures and processes, where the filter with jumps sees more of them; `enough`
+    and `hidden` as for `_near_best`.
     """
     signatures = [k for k, one in enumerate(rivals) if one.family]
     processes = [k for k, one in enumerate(rivals) if one.account and one.effect.model
@@ -174,8 +174,9 @@ def _seen_by_jumps(rivals, account_with, enough, hidden):
 
 
 def _near_best(rivals, some, enough, hidden=False):
-    """Numbers of those rivals, among some, that may be the best of them, and as probable
-    as none, for which a ln B is `enough`; where they may be `hidden`, one at least.
+    """Numbers of those rivals, among some, that may be the best of them, and as
+    probable as none, for which a ln B is `enough`; where they may be `hidden`, one at
+    least.
     """
     some = sorted(some, key=lambda k: -rivals[k].log_bayes)[:MOST_RAISED]
     best = max(rivals[some[0]].log_bayes, enough) if some else 0.0
