@@ -132,6 +132,9 @@ def as_samples(y):
     """Values as an array of floats, NaN where they are masked."""
     if np.ma.isMaskedArray(y):
         y = y.astype(float).filled(np.nan)
+    if hasattr(y, "error"):
+        raise ValueError(f"a {type(y).__name__} stands where an array of samples is "
+                         "needed: give its .error")
     if np.asarray(y).dtype.kind not in "biuf":
         try:
             return np.asarray(np.asarray(y).tolist(), float)
@@ -2890,7 +2893,8 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     >>> float(criteria(h, 1.0, 50.0, trials=32).error_probability.real[-1])
     0.0
     """
-    algorithms = algorithms or {}
+    hypotheses, algorithms = as_hypotheses(hypotheses), algorithms or {}
+    check_seed(seed)
     if not hasattr(algorithms, "values"):
         raise ValueError(f"algorithms are {algorithms!r}: a dict of functions is needed"
                          ", by their names")
@@ -3097,6 +3101,8 @@ def record_length(hypotheses, dt, limit, error=None, rsd=None, trials=4000, seed
     the trials, made monotone, are interpolated; intervals come from 200 resamples of
     the trials. Short records are tried first.
     """
+    hypotheses = as_hypotheses(hypotheses)
+    check_seed(seed)
     targets = check_targets(hypotheses, error, rsd or {})
     samples = check_trials(hypotheses, dt, limit, trials)
     for stage in (64, 8, 1):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from conftest import large, paper_case, same
+from numpy.testing import assert_allclose
 
 import sensorid as s
 
@@ -166,3 +167,13 @@ def test_what_cannot_be_reached_is_said_with_its_reason():
 def test_senseless_targets_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         s.record_length(paper_case(2), 1.0, 100.0, **{"trials": 16, **change})
+
+
+def test_criteria_are_of_one_hypothesis_or_several_and_of_a_whole_seed():
+    h = s.hypothesis("white_noise", sigma_v=(0.5, 2.0))
+    one, several = s.criteria(h, 1.0, 20.0, 48), s.criteria([h], 1.0, 20.0, 48)
+    assert_allclose(one.rsd[0].real, several.rsd[0].real)
+    with pytest.raises(ValueError, match="there is no hypothesis"):
+        s.criteria([], 1.0, 20.0)
+    with pytest.raises(ValueError, match="the seed is -1"):
+        s.record_length(h, 1.0, 500.0, rsd={"sigma_v": 0.1}, seed=-1)

@@ -94,3 +94,14 @@ def test_a_model_file_has_what_it_can_give_back():
         onset=30.0, height=2.0))
     with pytest.raises(ValueError, match="the effect bias_step is one of your own"):
         sensorlab.model_text(Model(DT, "u", Simulator(tuple(WHITE), ((step,),))))
+
+
+def test_a_recording_is_no_array_and_one_record_is_several(tmp_path):
+    file = tmp_path / "r.csv"
+    np.savetxt(file, np.column_stack([np.arange(200), Y]), delimiter=",",
+               header="time,error", comments="")
+    record = sensorlab.read(file)
+    with pytest.raises(ValueError, match="a Recording stands .*: give its .error"):
+        sensorlab.diagnose(record, DT, WHITE)
+    for one in (record, str(file), file):
+        assert len(sensorlab.identify_many(one, WHITE).rows) == 1

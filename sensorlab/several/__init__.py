@@ -12,6 +12,7 @@
 """
 
 import json
+import os
 import pathlib
 from concurrent.futures import BrokenExecutor
 from typing import NamedTuple
@@ -77,8 +78,10 @@ def identify_many(records, hypotheses=None, report_units=None, executor=None,
 
 
 def opened(records, beside):
-    """Recordings, or what is wrong with a source that is none yet."""
-    for one in records:
+    """Recordings, or what is wrong with a source that is none yet; of one or several.
+    """
+    alone = isinstance(records, (str, os.PathLike, Recording, Unread))
+    for one in [records] if alone else records:
         if isinstance(one, (Recording, Unread)):
             yield one
             continue
