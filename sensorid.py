@@ -28,7 +28,7 @@ The file reads in the order of the paper; a section calls only sections above it
 
 import sys
 
-__version__ = "0.26.0"
+__version__ = "0.27.0"
 
 
 def main(argv=None):
@@ -60,7 +60,10 @@ def main(argv=None):
         from sensorid import identify_csv    # by name: compiled code is kept under it
         print(identify_csv(options.record, options.column, options.dt))
     except (ValueError, OSError) as problem:
-        print(f"sensorid: {' '.join(str(problem).split())}", file=sys.stderr)
+        said = (f"{problem.filename}: {problem.strerror}" if isinstance(
+            problem, OSError) and problem.filename else " ".join(
+                str(problem).split()))
+        print(f"sensorid: {said}", file=sys.stderr)
         return 2
     return 0
 
@@ -1698,6 +1701,9 @@ class Bank(NamedTuple):
 
 def bank(h, dt, theta):
     """Shaping filters of a hypothesis at theta (M, p) as a `Bank`."""
+    if np.shape(theta)[1:] != (len(h.parameters),):
+        raise ValueError(f"parameters of shape {np.shape(theta)}: (M, "
+                         f"{len(h.parameters)}) is needed, for M nodes")
     if h.elementwise:
         def of_all(part, dimensions):
             result = np.empty((len(theta), *part.shape[-dimensions:]))
@@ -2576,6 +2582,7 @@ def decide(posterior, gamma=GAMMA):
 
 def matrices(estimate, dt):
     """Phi, Gamma, H, Psi at the estimate, the bias as the last state, Eq. (21)."""
+    check_interval(dt)
     filt = estimate.hypothesis.filter(dt, estimate.mean)
     n, noises = filt.Gamma.shape[1:]
     Phi = np.eye(n + 1)
@@ -3488,8 +3495,12 @@ def identify_csv(file, column="error", dt=None):
 
     The columns are `time`, s, evenly spaced, and the error; any others are left alone.
     """
-    with open(file, encoding="utf-8-sig") as stream:
-        lines = stream.readlines()
+    try:
+        with open(file, encoding="utf-8-sig") as stream:
+            lines = stream.readlines()
+    except UnicodeDecodeError:
+        raise ValueError(f"{file}: no text: a CSV with a line of names, such as "
+                         "time,error, is needed") from None
     if len(lines) < 2:
         raise ValueError(f"{file}: {len(lines)} lines: a line of names, such as "
                          "time,error, and one of numbers for every sample are needed")

@@ -179,7 +179,7 @@ def model_text(model):
 
 def _check_known(h, effects):
     """Refuse what no name in a model file stands for."""
-    if h.model not in MODELS.values():
+    if h.model not in (*MODELS.values(), *FOREIGN.values()):
         raise ValueError(f"the model of {h.name} is one of your own: a model file can "
                          f"have {', '.join(MODELS)} alone")
     for one in effects:

@@ -394,3 +394,10 @@ def test_little_work_wakes_no_second_thread(monkeypatch):
         for _ in s.filter_bank(b, np.zeros((records, stops[-1])), stops):
             assert asked[-1] == 2    # whoever goes on here has all of them
         assert asked == expected
+
+
+@pytest.mark.parametrize("theta", [[0.1, 0.5], [[0.1]], 0.1])
+def test_a_bank_is_of_nodes_with_all_parameters(theta):
+    h = s.hypothesis("random_walk", sigma_w=(0.04, 0.15), sigma_v=(0.25, 1.0))
+    with pytest.raises(ValueError, match=r"\(M, 2\) is needed"):
+        s.bank(h, 0.1, theta)

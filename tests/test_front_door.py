@@ -52,6 +52,11 @@ def test_the_module_alone_identifies_a_plain_csv(record):
     assert done.returncode == 2 and "no column 'nope' among time, error" in done.stderr
     done = alone(record, "identify", "r.csv", "--dt", "0.5")
     assert done.returncode == 2 and "1 s apart, --dt is 0.5 s" in done.stderr
+    (record / "r.npz").write_bytes(b"PK\xa9\xff")
+    done = alone(record, "identify", "r.npz")
+    assert done.returncode == 2 and "r.npz: no text: a CSV" in done.stderr
+    done = alone(record, "identify", "none.csv")
+    assert done.returncode == 2 and "none.csv: No such file" in done.stderr
 
 
 @pytest.mark.parametrize("line", ["criteria m.json --duration 5", "diagnose r.csv",

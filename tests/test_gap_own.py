@@ -105,3 +105,8 @@ def test_a_recording_is_no_array_and_one_record_is_several(tmp_path):
         sensorlab.diagnose(record, DT, WHITE)
     for one in (record, str(file), file):
         assert len(sensorlab.identify_many(one, WHITE).rows) == 1
+    for missing in (-9999.0, "-9999", [-9999], ["-9999"]):
+        lost = np.where(np.arange(200) % 50 == 7, -9999.0, Y)
+        assert np.isnan(sensorlab.read(lost, dt=DT, missing=missing).error).sum() == 4
+    with pytest.raises(ValueError, match="missing is 'lost': a number, or several"):
+        sensorlab.read(Y, dt=DT, missing="lost")

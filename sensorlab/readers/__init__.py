@@ -91,7 +91,7 @@ def read(source, channel="error", dt=None, resample=False, allow_missing=False,
         Further columns wanted, as NAME or as NAME=COLUMN to give one another name; of
         other topics as topic/field. None for all that hold numbers but, beside an axis
         of a sensor, the other axes. Where samples are missing they are interpolated.
-    missing : sequence of float
+    missing : float, or sequence of float
         Values that stand for missing samples, such as -9999; 0 of the channel alone.
 
     Returns
@@ -199,7 +199,7 @@ def _opened(source):
 
 def _recording(origin, groups, channel, dt, resample, allow_missing, beside, missing):
     from sensorid import check_record    # not for the readers in their own processes
-    error = channel.values.astype(float)
+    error, missing = channel.values.astype(float), _numbers(missing)
     columns, others = covariates.beside(groups, channel, beside)
     if beside is None:
         columns = {name: x for name, x in columns.items() if not np.isnan(x).all()}
@@ -220,6 +220,15 @@ def _recording(origin, groups, channel, dt, resample, allow_missing, beside, mis
                      tuple(map(printable, others)), tuple(map(
                          printable, covariates.left_out(channel)
                          if beside is None else ())))
+
+
+def _numbers(missing):
+    """Values that stand for missing samples, one or several, as numbers."""
+    try:
+        return np.atleast_1d(np.asarray(missing, float)).tolist()
+    except (TypeError, ValueError):
+        raise ValueError(f"missing is {missing!r}: a number, or several, are needed, "
+                         "for which the samples are lost") from None
 
 
 def _less(x, missing):
