@@ -40,7 +40,7 @@ def _as_effect(one):
     if not isinstance(one.name, str) or not one.name.isidentifier() or (
             one.name in TAKEN):
         raise ValueError(f"the name of an effect is {one.name!r}: letters, digits and "
-                         f"_ are needed, and none of {', '.join(TAKEN)}")
+                         f"_ are needed; {', '.join(TAKEN)} are verdicts")
     if one is not CATALOGUE.get(one.name):
         _check_own(one)
     return one

@@ -12,7 +12,7 @@ from numba import njit
 
 from sensorid import INSIDE, brief, mesh
 from sensorlab.gap.backward import HARMLESS, MEMORY
-from sensorlab.gap.catalogue import columns_for
+from sensorlab.gap.catalogue import CATALOGUE, columns_for
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
 from sensorlab.gap.kernels.arithmetic import row_products
 from sensorlab.gap.kernels.lanes import KERNEL
@@ -205,6 +205,7 @@ def blocks(scene, family, solved, psi=None):
 def columns_at(scene, family, psi):
     """(value, variant, columns (N, k)) of the signatures of a family that are not 0."""
     x, N = scene.columns.get(family.column), len(scene.y)
+    own = family.effect is not CATALOGUE.get(family.effect.name)    # a user's
     for value in psi:
         for variant, columns in family.effect.columns(scene, x, value):
             if family.variant not in ("", variant):
@@ -213,7 +214,7 @@ def columns_at(scene, family, psi):
                 raise ValueError(
                     f"effect {family.effect.name} builds columns of shape "
                     f"{columns.shape}: ({N}, 1) or ({N}, 2) are needed")
-            if not np.isrealobj(columns) or not np.isfinite(columns).all():
+            if own and not (np.isrealobj(columns) and np.isfinite(columns).all()):
                 raise ValueError(f"effect {family.effect.name} builds columns with "
                                  f"{_first_odd(columns)}: finite real numbers are "
                                  "needed")
