@@ -526,6 +526,13 @@ def as_hypotheses(hypotheses):
         if not hasattr(h, "filter"):
             raise ValueError(f"{h!r} is no hypothesis: hypothesis(name, ...) makes one,"
                              " default_hypotheses(y, dt, names) several for a record")
+        for p in h.parameters:
+            if not p.low <= p.high:
+                raise ValueError(f"{p.symbol} of {h.name} from {p.low} to {p.high}: "
+                                 "two numbers, low <= high, are needed")
+        if not h.bias_sigma >= 0.0:
+            raise ValueError(f"bias_sigma = {h.bias_sigma} of {h.name}: a number >= 0 "
+                             "is needed")
     if not hypotheses:
         raise ValueError("there is no hypothesis: at least one is needed")
     return hypotheses

@@ -11,7 +11,7 @@ import sensorid
 import sensorlab
 from sensorlab.gap import clipping
 from sensorlab.gap.effects import Scene
-from sensorlab.gap.readings import readings
+from sensorlab.gap.readings import readings, recorded
 
 
 def limits_seen(y):
@@ -92,8 +92,10 @@ def test_what_is_folded_or_begins_again_at_its_other_end_has_no_limit(scatter):
         assert not limits_seen(np.abs(x))
         end = np.round(1.5 * scatter)
         assert not limits_seen((x + end) % (2.0 * end) - end)
-        ((low, _),) = limits_seen(np.maximum(x, 0.0))
-        assert low == 0.0
+        for lsb in (1.0, 0.05):
+            ((low, _),) = limits_seen(recorded(
+                lsb * np.maximum(x, 0.0), 0.01, {}).y)
+            assert low == 0.0
 
 
 @pytest.mark.parametrize("share", [large(0.03), 0.15])

@@ -339,7 +339,7 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
 
 def test_a_filter_that_is_no_sum_of_processes_has_no_modes():
     ramp = sensorid.hypothesis("rate_ramp", slope=1.0, sigma_v=1.0)
-    assert parts.equivalent_modes(sensorid.bank(ramp, DT, np.array([[1.0, 0.0, 1.0]]))
+    assert parts.equivalent_modes(sensorid.bank(ramp, DT, np.array([[1.0, 1.0]]))
                                   ) is None
 
     def from_rest(dt, sigma_m):    # turns, but is not yet as wide as it will be

@@ -67,6 +67,19 @@ def test_a_seed_is_a_whole_number(seed):
             drawn()
 
 
+@pytest.mark.parametrize("change, said", [
+    (dict(bias_sigma=-1.0), "bias_sigma = -1.0 of white_noise"),
+    (dict(bias_sigma=np.nan), "bias_sigma = nan of white_noise"),
+    (dict(parameters=(sensorid.Parameter("sigma_v", 2.0, 1.0),)),
+     "sigma_v of white_noise from 2.0 to 1.0: two numbers, low <= high")])
+def test_a_hypothesis_that_was_altered_is_checked_again(change, said):
+    h = WHITE[0]._replace(**change)
+    for asked in (lambda: sensorid.identify(Y, DT, [h]),
+                  lambda: sensorlab.diagnose(Y, DT, [h])):
+        with pytest.raises(ValueError, match=said):
+            asked()
+
+
 def test_an_answer_goes_to_another_process_and_back():
     d = sensorlab.diagnose(Y + 2.0 * (np.arange(200) > 90), DT, WHITE)
     again = pickle.loads(pickle.dumps(d))

@@ -194,9 +194,10 @@ def spread_where_calm(x):
 
 
 def snapped(y):
-    """A record with its values on their lattice, if they have one."""
+    """A record with its values on their lattice, if they have one; 0 stays 0."""
     lsb, seen = lattice(y), y[~np.isnan(y)]
-    return seen[0] + lsb * np.round((y - seen[0]) / lsb) if lsb else y
+    return np.where(y == 0.0, y, seen[0] + lsb * np.round(
+        (y - seen[0]) / lsb)) if lsb else y
 
 
 def lattice_and_noise(y):
