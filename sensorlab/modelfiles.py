@@ -9,7 +9,7 @@ import numpy as np
 from sensorid import MODELS, Parameter, as_parameter, hypothesis
 from sensorlab.foreign import translated
 from sensorlab.foreign.parts import FOREIGN
-from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.catalogue import CATALOGUE, is_known
 from sensorlab.gap.effects import Found
 from sensorlab.gap.lowpass import LowPass
 from sensorlab.gap.members import Simulator
@@ -183,7 +183,7 @@ def _check_known(h, effects):
         raise ValueError(f"the model of {h.name} is one of your own: a model file can "
                          f"have {', '.join(MODELS)} alone")
     for one in effects:
-        if one.effect is not CATALOGUE.get(one.name):
+        if not is_known(one.effect):
             raise ValueError(f"the effect {one.name} is one of your own: a model file "
                              "can have those of the catalogue alone")
 

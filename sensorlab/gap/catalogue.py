@@ -452,6 +452,11 @@ CATALOGUE = {effect.name: effect for effect in (
 )}
 
 
+def is_known(effect):
+    """Is an effect of the catalogue, not a user's own?"""
+    return effect is CATALOGUE.get(effect.name)
+
+
 def in_catalogue(name):
     """The effect of a name."""
     return CATALOGUE[name]
@@ -459,7 +464,7 @@ def in_catalogue(name):
 
 def _pickled(effect):
     """An effect for another process, which has the catalogue, too."""
-    if effect is CATALOGUE.get(effect.name):
+    if is_known(effect):
         return in_catalogue, (effect.name,)
     return Effect, tuple(effect)
 

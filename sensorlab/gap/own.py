@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 
 from sensorid import Parameter
-from sensorlab.gap.catalogue import CATALOGUE
+from sensorlab.gap.catalogue import CATALOGUE, is_known
 from sensorlab.gap.effects import Effect
 
 SEARCHES = dict(onset=1, frequency=1, pulse=2, waves=3)    # parameters of columns, ...
@@ -41,7 +41,7 @@ def _as_effect(one):
             one.name in TAKEN):
         raise ValueError(f"the name of an effect is {one.name!r}: letters, digits and "
                          f"_ are needed; {', '.join(TAKEN)} are verdicts")
-    if one is not CATALOGUE.get(one.name):
+    if not is_known(one):
         _check_own(one)
     return one
 
@@ -67,7 +67,7 @@ def _check_own(one):
 def check_parameters(effects, scene):
     """Refuse effects of a user's own with parameters that cannot be looked for."""
     for one in effects:
-        if one is CATALOGUE.get(one.name):
+        if is_known(one):
             continue
         priors = tuple(one.parameters(scene))
         for p in priors:

@@ -147,11 +147,8 @@ def _repeated_in(y):
     fresh = y[~same & ~np.isnan(y)]
     if count < FEWEST or len(fresh) <= max(FEWEST, *EARLIER):
         return none
-    lsb, near = lattice(fresh), np.abs(np.diff(fresh)).mean()
-    earlier = [np.abs(y[lag:] - y[:-lag]) for lag in EARLIER]
-    chance = max(np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / near for d in earlier
-                          ]), _neighbours(fresh, lsb)
-                 ) if lsb else _equal_by_chance(fresh)
+    lsb = lattice(fresh)
+    chance = _equal_on_lattice(y, fresh, lsb) if lsb else _equal_by_chance(fresh)
     share = count / len(y)
     spans = np.sum(same[1:] & ~same[:-1])
     parts = [part.sum() for part in np.array_split(same, 4)]
@@ -165,11 +162,15 @@ def _repeated_in(y):
     return same & keep
 
 
-def _neighbours(y, lsb):
-    """How many neighbours of a record are one spacing of its lattice apart, up or down
-    on average.
+def _equal_on_lattice(y, fresh, lsb):
+    """How many neighbours of a record are equal by chance: as earlier values are, or as
+    many as are one spacing apart, up or down; fresh are those that are no ties.
     """
-    return 0.5 * np.sum(np.abs(np.abs(np.diff(y)) - lsb) < 0.5 * lsb)
+    step = np.abs(np.diff(fresh))
+    earlier = [np.abs(y[lag:] - y[:-lag]) for lag in EARLIER]
+    return max(np.mean([np.sum(d < 0.5 * lsb) * np.nanmean(d) / step.mean()
+                        for d in earlier]),
+               0.5 * np.sum(np.abs(step - lsb) < 0.5 * lsb))
 
 
 OFTEN = 0.25    # as often as the difference that is met most

@@ -12,7 +12,7 @@ from numba import njit
 
 from sensorid import INSIDE, brief, mesh
 from sensorlab.gap.backward import HARMLESS, MEMORY
-from sensorlab.gap.catalogue import CATALOGUE, columns_for
+from sensorlab.gap.catalogue import columns_for, is_known
 from sensorlab.gap.effects import BLOCK, Effect, psi_of
 from sensorlab.gap.kernels.arithmetic import row_products
 from sensorlab.gap.kernels.lanes import KERNEL
@@ -205,7 +205,7 @@ def blocks(scene, family, solved, psi=None):
 def columns_at(scene, family, psi):
     """(value, variant, columns (N, k)) of the signatures of a family that are not 0."""
     x, N = scene.columns.get(family.column), len(scene.y)
-    own = family.effect is not CATALOGUE.get(family.effect.name)    # a user's
+    own = not is_known(family.effect)
     for value in psi:
         for variant, columns in family.effect.columns(scene, x, value):
             if family.variant not in ("", variant):

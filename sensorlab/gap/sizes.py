@@ -103,10 +103,7 @@ def values_text(values, unit, column="", dt=None):
         parts.append(f"{symbol} {shown} {unit_of(symbol, unit, column)}".rstrip())
         if dt and symbol == "factor":
             name, _ = values.get("parameter", ("", 0.0))
-            # what a record only lies beyond
-            parts.append("or more" if name.endswith(".limits") else "" if unit_of(
-                name.split(".")[-1], "u") in NO_UNIT else looks_like(
-                    mean, sd, None if name.endswith(".lsb") else dt))
+            parts.append(_said_of(name.split(".")[-1], mean, sd, dt))
     return ", ".join(filter(None, parts))
 
 
@@ -118,6 +115,15 @@ def _shown(symbol, values):
         _, width = np.transpose(values)
         return f"{len(values)} of width {number(width.min())} to {number(width.max())}"
     return f"{len(values)} of them"
+
+
+def _said_of(symbol, factor, sd, dt):
+    """What a wrong factor of a parameter is, or usually is."""
+    if symbol == "limits":    # a record only lies beyond
+        return "or more"
+    if unit_of(symbol, "u") in NO_UNIT:
+        return ""
+    return looks_like(factor, sd, None if symbol == "lsb" else dt)
 
 
 LIMIT_DIGITS = 10               # a full scale is known by all of them
@@ -133,15 +139,14 @@ def looks_like(factor, sd, dt=None):
     """What a wrong factor usually is; with dt, of a standard deviation."""
     if factor == 0.0:
         return "the record has none"
-    known = [pair for value, (one, other) in FACTORS.items()
-             for pair in ((value, f"{one} taken for {other}"),
-                          (1.0 / value, f"{other} taken for {one}"))]
+    named = [(value, f"{one} taken for {other}", f"{other} taken for {one}")
+             for value, (one, other) in FACTORS.items()]
     if dt:
-        known += [(v, text) for value, text in (
-            (1.0 / dt, "the sampling rate"),
-            (dt**-0.5, "root of the rate: a density taken for a per-sample sigma, or "
-                       "the other way round"))
-            for v in (value, 1.0 / value) if abs(np.log(v)) > 0.2]
+        named += [(1.0 / dt, *2 * ["the sampling rate"]), (dt**-0.5, *2 * [
+            "root of the rate: a density taken for a per-sample sigma, or the other "
+            "way round"])]
+    known = [pair for value, text, inverse in named if abs(np.log(value)) > 0.2
+             for pair in ((value, text), (1.0 / value, inverse))]
     v, text = min(known, key=lambda one: abs(np.log(factor / one[0])))
     if abs(factor - v) < max(3.0 * sd, NEAR * v) and sd < 0.2 * v:
         return f"about {v:.4g}: {text}"
