@@ -154,7 +154,7 @@ def test_what_matters_is_exact_at_every_node(effect):
     if family.effect.search == "waves":    # these are resolved
         best = max(parts, key=lambda part: part.gain.max())
         (psi,), _ = best.of(best.gain.argmax(keepdims=True))
-        parts = [scans._in_cells(scene, family, one, psi)[0]]
+        parts = [scans._waves_in_cells(scene, family, one, psi)[0]]
     top, gain = max(part.gain.max() for part in parts), []
     for part in parts:
         likely = np.flatnonzero(part.gain > top - 25.0)
@@ -203,7 +203,7 @@ def test_evidence_of_waves_is_a_sum_over_a_fine_grid(effect):
         gain[at] = number @ np.linalg.solve(X.T @ X, number)
     fine = (axes[0][1] - axes[0][0]) * np.log(axes[1][1] / axes[1][0]) * (
         axes[2][1] - axes[2][0])
-    own = round(float(np.exp(likely.grid.middle[1])))
+    own = round(likely.grid.middle[1] - likely.grid.middle[0])
     cell = own // scans.WAVE_PARTS * np.log(scans.WAVE_STEP) / next_fast_len(
         2 * own, real=True)
     count = sum(len(part.gain) for part in scans._wave_scan(scene, family, solved))
@@ -211,6 +211,36 @@ def test_evidence_of_waves_is_a_sum_over_a_fine_grid(effect):
     assert exact + np.log(fine / cell / count) > 20.0
     # nodes are up to a standard deviation apart
     assert_allclose(told, exact + np.log(fine / cell / count), atol=0.7)
+
+
+@pytest.mark.parametrize("variant, size", [
+    ("half sine", 4.0), large("decaying", 40.0), ("", 12.0)])
+def test_evidence_of_a_large_pulse_is_a_sum_over_a_fine_grid(variant, size):
+    """It is known better than the steps of a scan, and that to a part of a sample."""
+    rng, N, onset, n = np.random.default_rng(3), 900, 300.4, 120.0
+
+    def column(onset, n):
+        since = (np.arange(N) - onset) / n
+        shape = {"half sine": np.sin(np.pi * since) * (since < 1.0),
+                 "decaying": np.exp(-3.0 * since), "": -np.expm1(-3.0 * since)}[variant]
+        return np.where(since < 0.0, 0.0, shape)
+    y = rng.standard_normal(N) + size * column(onset, n)
+    scene, h = Scene(y, 1.0, {}), sensorid.hypothesis("white_noise", sigma_v=1.0,
+                                                      bias_sigma=0.0)
+    solved = backward.solve(member(scene, h), scene, (), np.array([[1.0]]))
+    family = signatures.Family(CATALOGUE["pulse" if variant else "gradual_step"], "")
+    told, _ = finest(scene, family, solved, solved, signatures.bayes_table())
+    at, lengths = onset + np.linspace(-8.0, 8.0, 121), n * np.exp(np.linspace(
+        -0.2, 0.2, 101))
+    gain = np.array([[(x @ y)**2 / (x @ x) for x in (column(i, k) for k in lengths)]
+                     for i in at])
+    cell = (lengths.round() // onsets.PARTS) * np.log(onsets.DURATION_STEP)
+    share = np.log((at[1] - at[0]) * np.log(lengths[1] / lengths[0]) / cell)
+    exact = signatures.log_bayes(gain.ravel(), 1).reshape(*gain.shape, -1)
+    count = sum(len(part.gain) for part in onsets.span_scan(scene, family, solved))
+    assert gain.max() > 300.0 and gain.argmax() % 101 not in (0, 100)
+    assert_allclose(told, np.logaddexp.reduce(
+        (exact + share[:, None]).ravel()) - np.log(count), atol=0.3)
 
 
 @pytest.mark.parametrize("missing", [slice(0, 80), slice(400, 799), slice(260, 540),
@@ -507,11 +537,7 @@ def test_one_hypothesis_begins_where_another_has_been_resolved(monkeypatch):
     assert_allclose(again.psi, anew.psi)
     moved, _ = scans.refined(scene, family, one, grid._replace(
         middle=grid.middle + grid.apart, apart=2.0 * grid.apart))
+    at = np.array(moved.psi) @ [[1, 1, 0], [0, 1, 0], [0, 0, 1]]    # onset, end, ...
     for axis in range(3):    # it finds the way, and resolves as much
-        own = np.unique(np.array(moved.psi)[:, axis])
-        assert own[0] < grid_value(grid, axis) < own[-1]
-
-
-def grid_value(grid, axis):
-    """Coordinate of the middle of a grid of waves, as psi has it."""
-    return np.exp(grid.middle[axis]) if axis == 1 else grid.middle[axis]
+        own = np.unique(at[:, axis])
+        assert own[0] < grid.middle[axis] < own[-1]

@@ -129,6 +129,18 @@ def _spread(scene):
     return max(np.nanstd(scene.y), 3.0 * scene.white)
 
 
+def _ratio(most):
+    """Prior of how many times as strong a noise is elsewhere."""
+    return _log("ratio", 1.0 / most, most)
+
+
+def _most_varied(scene):
+    """How many times as strong a noise may be that white noise hides in part, or that
+    varies within the parts of a record that show how it varies.
+    """
+    return max(30.0, 5.0 * scene.contrast**2)
+
+
 MIN_PULSE = 3     # samples: fewer are outliers
 MIN_SHAPED = 8    # of a pulse: fewer have no shape but a rectangle
 MIN_RINGING = 16    # of a ringing, or a burst: fewer are outliers
@@ -195,7 +207,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="turn-on transient, rate ramp, random walk",
            experiment="record longer"),
     Effect("turn_on_transient", columns=shapes.transient,
-           parameters=lambda s: (_log("tau", shapes.least_tau(s), s.duration / 3),),
+           parameters=lambda s: (_log("tau", shapes.least_seen(s), s.duration / 3),),
            equation="y + size exp(-t / tau); tau in s, size in u",
            resembles="rate ramp, temperature",
            experiment="switch off, cool down and on again: it returns"),
@@ -338,14 +350,15 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="integrate: the angle has white noise"),
     Effect("noise_step", model=processes.noise_step, drive=processes.stronger_from,
            of_white=True, elementwise=True, search="onset",
-           parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 0.1, 10.0)),
+           parameters=lambda s: (_onset(s, MIN_SIDE), _ratio(max(
+               10.0, 3.0 * s.contrast))),
            equation="the white noise becomes ratio times as strong from t = onset "
                     "on; onset in s",
            resembles="outliers in clusters, noise ramp",
            experiment="look for what was switched on at the onset"),
     Effect("noise_ramp", model=processes.noise_along, drive=processes.stronger_along,
            of_white=True, elementwise=True, relative_to=processes.whole_range,
-           parameters=lambda s: (_log("ratio", 1.0 / 30.0, 30.0),),
+           parameters=lambda s: (_ratio(_most_varied(s)),),
            equation="the white noise becomes ratio^((t - about) / per) times as "
                     "strong; about and per in s",
            resembles="noise step, noise sensitivity where the column drifts",
@@ -354,7 +367,7 @@ CATALOGUE = {effect.name: effect for effect in (
            drive=processes.stronger_along,
            of_white=True, elementwise=True, column="any", variants=("value", "square"),
            relative_to=processes.whole_range,
-           parameters=lambda s: (_log("ratio", 1.0 / 30.0, 30.0),),
+           parameters=lambda s: (_ratio(_most_varied(s)),),
            equation="the white noise becomes ratio^u times as strong, or sqrt(1 + "
                     "(ratio^2 - 1) u^2) times, u = (x - about) / per; about and per "
                     "in units of x",
@@ -363,14 +376,15 @@ CATALOGUE = {effect.name: effect for effect in (
                       "deviations"),
     Effect("walk_step", model=processes.walk_step, drive=processes.stronger_from,
            elementwise=True, search="onset",
-           parameters=lambda s: (_onset(s, MIN_SIDE), _log("ratio", 1.0 / 30.0, 30.0)),
+           parameters=lambda s: (_onset(s, MIN_SIDE), _ratio(_most_varied(s))),
            equation="the noise that drives the random walk, or the Markov process, "
                     "becomes ratio times as strong from t = onset on; onset in s",
            resembles="random telegraph, bias step, correlated noise",
            experiment="look for what was switched on at the onset; record longer"),
     Effect("outliers", jumps=processes.outliers,
            parameters=lambda s: (_log("rate", 1.0 / len(s.y), 0.1),
-                                 _log("sigma", 2.0 * s.white, 300.0 * s.white)),
+                                 _log("sigma", 2.0 * s.white,
+                                      max(300.0 * s.white, 3.0 * s.leap))),
            equation="y + N(0, sigma^2) with the probability rate in every sample; "
                     "sigma in u",
            resembles="noise step, random telegraph",
@@ -379,14 +393,15 @@ CATALOGUE = {effect.name: effect for effect in (
            parameters=lambda s: (
                _log("quiet", MIN_BURST * s.dt, s.duration / 4.0),
                _log("duration", MIN_BURST * s.dt, s.duration / 10.0),
-               _log("sigma", 0.5 * s.white, 30.0 * s.white)),
+               _log("sigma", 0.5 * s.white, max(30.0 * s.white, 3.0 * s.leap))),
            equation="y + N(0, sigma^2) in every sample of a burst; bursts last for "
                     "duration and are quiet apart on average, in s; sigma in u",
            resembles="outliers in clusters, noise step, noise sensitivity",
            experiment="look for what runs at times: a fan, a motor, a radio"),
     Effect("random_telegraph", jumps=processes.telegraph,
            parameters=lambda s: (_log("dwell", 3.0 * s.dt, s.duration / 4),
-                                 _log("size", 0.1 * s.white, 2.0 * _spread(s))),
+                                 _log("size", 0.1 * s.white,
+                                      max(2.0 * _spread(s), s.leap))),
            equation="y +- size / 2, two levels, each kept for dwell on average; "
                     "dwell in s, size in u",
            resembles="correlated noise",

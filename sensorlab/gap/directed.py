@@ -272,8 +272,8 @@ def _of_sizes(scene, family, pieces):
     for k, p in enumerate(effect.parameters(scene)):
         mean = expected(lambda p: p[3][:, k, None])
         variance = expected(lambda p: (p[3][:, k, None] - mean)**2)
-        if effect.search in ("onset", "pulse"):    # anywhere since the sample before
-            variance += scene.dt**2 / 3.0
+        if effect.search in ("onset", "pulse") and _are_whole(scene, pieces, k):
+            variance += scene.dt**2 / 3.0    # anywhere since the sample before
         values[p.symbol] = mean, float(np.sqrt(variance))
     size = expected(lambda p: p[1])
     sd = float(np.sqrt(max(expected(lambda p: p[2]) - size**2, 0.0)))
@@ -283,6 +283,12 @@ def _of_sizes(scene, family, pieces):
     numbers = {**dict(zip(values, psi)), effect.size: size}
     return Signature(found._replace(values=numbers), columns_of(scene, found, numbers),
                      3.0 * float(np.hypot(size, sd))), found
+
+
+def _are_whole(scene, pieces, k):
+    """Are the values of a parameter whole samples?"""
+    samples = np.concatenate([psi[:, k] for *_, psi in pieces]) / scene.dt
+    return np.abs(samples - np.round(samples)).max() < 1e-6
 
 
 def onsets_nearby(scene, one, most):

@@ -44,9 +44,28 @@ class Scene(_Recorded):
     @functools.cached_property    # every simulated record asks for it
     def white(self):
         """Standard deviation of the white part, from first differences; robust."""
-        step = np.abs(np.diff(self.y[~np.isnan(self.y)]))
-        scale = np.median(step) / 0.6745 or np.sqrt(np.mean(step**2))
+        scale = np.median(self._steps) / 0.6745 or np.sqrt(np.mean(self._steps**2))
         return scale / np.sqrt(2.0)
+
+    @functools.cached_property
+    def contrast(self):
+        """Ratio of the noisiest of many parts of the record to the quietest; robust."""
+        count = max(len(self._steps) // PART, 1)
+        scale = np.median(self._steps[:count * PART].reshape(count, -1), axis=1)
+        scale = scale[scale > 0.0]
+        return scale.max() / scale.min() if len(scale) else 1.0
+
+    @functools.cached_property
+    def leap(self):
+        """Largest step from one sample to the next."""
+        return self._steps.max(initial=0.0)
+
+    @functools.cached_property
+    def _steps(self):
+        return np.abs(np.diff(self.y[~np.isnan(self.y)]))
+
+
+PART = 64    # samples, which tell a variance to a sixth
 
 
 @functools.lru_cache(maxsize=4)    # asked for thousands of times

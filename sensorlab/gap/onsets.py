@@ -14,7 +14,8 @@ from sensorlab.gap.catalogue import MIN_PULSE, MIN_SHAPED
 from sensorlab.gap.kernels.lanes import KERNEL, in_rows
 from sensorlab.gap.shapes import DECAYS, MIN_SLOW
 from sensorlab.gap.signatures import (
-    Grid, Scan, Scores, blocks, information, resolved, scores_at, unnamed)
+    Grid, Scan, Scores, blocks, in_cells, information, of_scores, resolved, scores_at,
+    unnamed)
 
 
 def step_scores(scene, solved):
@@ -165,7 +166,7 @@ def span_scan(scene, family, one):
                 fine = _span(scene.dt, variant, n, knots, J, rows, left, n)
                 likely = np.sort(np.argsort(-fine.gain)[:LIKELY_ONSETS])
                 share = np.log(len(scan.gain) / len(fine.gain))
-                yield _finer(fine.gain[likely], *fine.of(likely), share)
+                yield in_cells(fine.gain[likely], *fine.of(likely), 1, share)
                 at_once.append((fine.gain.max(), variant, n, fine.of(
                     fine.gain.argmax(keepdims=True))[0][0, 0]))
             if variant == RECTANGULAR:
@@ -178,12 +179,6 @@ def span_scan(scene, family, one):
                                   passed, best)
 
 
-def _finer(gain, psi, variant, log_share):
-    """`Scan` of signatures, each of which stands for a part of a cell of a grid."""
-    return Scan(np.maximum(gain + 2.0 * log_share, 0.0), 1, lambda number: (
-        psi[number], variant[number]), log_share)
-
-
 def _about_onset(scene, family, one, onset, n):
     """`Scan`, finer, about a shape of n samples that begins at once."""
     by = _fineness(n)
@@ -194,7 +189,7 @@ def _about_onset(scene, family, one, onset, n):
     psi = scene.dt * np.array([(i, k) for i in onsets.tolist() for k in lengths.tolist()
                                if 0 < i and i + k <= len(scene.y)])
     gain = scores_at(scene, family, one, list(map(tuple, psi.tolist()))).gain[0]
-    return _finer(gain, psi, np.full(len(psi), family.variant), np.log(
+    return in_cells(gain, psi, np.full(len(psi), family.variant), 1, np.log(
         step / max(n // PARTS, 1) / len(lengths)))
 
 
@@ -262,8 +257,8 @@ def _between_edges(scene, family, one, passed, best):
             _log_share(residual, *pulse, sd**-2, np.interp(
                 np.log(pulse[1]), log_n, powers))
             for pulse, sd in zip(spans.tolist(), found.sd[0])])
-        yield Scan(np.maximum(found.gain[0] + 2.0 * share, 0.0), 1, lambda number: (
-            scene.dt * spans[number], np.full(len(number), RECTANGULAR)), share)
+        yield in_cells(found.gain[0], scene.dt * spans, np.full(
+            len(spans), RECTANGULAR), 1, share)
 
 
 def _most_prominent(gain):
@@ -320,15 +315,35 @@ def span_grid(scene, family, onset, duration):
 def resolved_span(scene, family, one, grid):
     """The family about a pulse, on a grid that resolves what is known of its onset and
     of its end, each by itself: of a decay, an onset may be known a hundred times as
-    well. That `Grid`, and the `Scores`.
+    well. That `Grid`, and the `Scores`. A large one that rises slowly is known better
+    than to a sample.
     """
     prior, N = family.effect.parameters(scene)[1], len(scene.y)
     n = round(grid.middle[1] - grid.middle[0])
     low, high = min(round(prior.low / scene.dt), n), max(prior.high / scene.dt, n)
 
-    def spans(ends):
-        begin, end = np.round(ends).astype(int).T
+    def between(begin, end):
         length = end - begin
         fits = (begin > 0) & (low <= length) & (length <= high) & (end <= N)
         return scene.dt * np.column_stack([begin, length]), fits
-    return resolved(scene, family, one, spans, grid, (1.0, 1.0), 6)
+    result = resolved(scene, family, one, lambda ends: between(*np.round(
+        ends).astype(int).T), grid, (1.0, 1.0), 6)
+    _, there, found = result
+    rectangular = found.variant[found.gain[0].argmax()] == RECTANGULAR
+    if rectangular or (there.apart > 1.0).all():
+        return result
+    return resolved(scene, family, one, lambda ends: between(*ends.T), there._replace(
+        least=np.minimum(there.least, PART_OF_SAMPLE)), None, 6)
+
+
+PART_OF_SAMPLE = 0.01    # to which an onset may be known
+
+
+def span_in_cells(scene, family, one, psi):
+    """`Scan` of pulses of one form about one that a scan has found, on a grid that
+    resolves them; each node has its share of a cell of the scan. And that `Grid`.
+    """
+    _, grid, found = resolved_span(scene, family, one, span_grid(scene, family, *psi))
+    n = round(grid.middle[1] - grid.middle[0])
+    cell = max(n // PARTS, 1) * n * np.log(DURATION_STEP)
+    return of_scores(found, np.log(grid.apart.prod() / cell)), grid

@@ -18,10 +18,11 @@ from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene
 from sensorlab.gap.kernels.arithmetic import spectrum
 from sensorlab.gap.kernels.lanes import KERNEL
 from sensorlab.gap.onsets import (
-    resolved_span, span_grid, span_scan, step_scan, step_scores)
+    PART_OF_SAMPLE, resolved_span, span_grid, span_in_cells, span_scan, step_scan,
+    step_scores)
 from sensorlab.gap.signatures import (
-    MOST_GRIDS, Grid, Scan, blocks, information, least_squares, mean_bayes, resolved,
-    scores_at, unnamed)
+    MOST_GRIDS, Grid, Scan, blocks, information, least_squares, mean_bayes, of_scores,
+    resolved, scores_at, unnamed)
 
 
 @njit(**KERNEL)
@@ -98,7 +99,6 @@ FINER_WAVES = 5     # parts of that, and of a step of the duration, about the be
 MIN_PERIODS = 2     # in a duration: with fewer it is a pulse
 ROUNDED = 1e-12     # of the largest information: less may be rounding of a product
 STRETCHES = 16      # of a record, that may miss more or fewer samples
-LONGEST = 2000      # samples: longer it is a vibration
 
 
 def _wave_scan(scene, family, one):
@@ -108,7 +108,7 @@ def _wave_scan(scene, family, one):
     """
     one = one.before(family.low_pass, scene.dt)
     _, duration, _ = family.effect.parameters(scene)
-    longest = min(int(duration.high / scene.dt), LONGEST)
+    longest = int(duration.high / scene.dt)
     lengths = np.exp(np.arange(np.log(min(MIN_RINGING, longest)), np.log(longest + 1.0),
                                np.log(WAVE_STEP)))
     best, at = -1.0, (1, 1)
@@ -175,42 +175,39 @@ def _wave_grid(scene, family, onset, duration, frequency):
     """`Grid` of `_resolved_waves` about waves, as a scan found them."""
     prior = family.effect.parameters(scene)[1]
     duration = float(np.clip(duration, prior.low, prior.high))
-    return Grid((onset, np.log(duration), frequency), (
-        duration / WAVE_PARTS / 3.0, np.log(WAVE_STEP) / 3.0, 0.25 / duration))
+    return Grid((onset, onset + duration, frequency), (
+        duration / WAVE_PARTS / 3.0, duration * np.log(WAVE_STEP) / 3.0,
+        0.25 / duration))
 
 
 def _resolved_waves(scene, family, one, grid):
     """The family about waves in an envelope, on a grid that resolves what is known of
-    their onset, duration and frequency, each by itself; that `Grid`; and the `Scores`.
+    their onset, end and frequency, each by itself; that `Grid`; and the `Scores`.
     """
     prior = family.effect.parameters(scene)[1]
 
     def waves(x):
-        onset, length, frequency = x.T
-        length = np.exp(length)
+        onset, end, frequency = x.T
+        length = end - onset
         fits = (onset >= scene.dt) & (onset < scene.duration) & (
             length >= prior.low) & (length <= prior.high) & (
             frequency * length >= MIN_PERIODS) & (frequency <= 0.5 / scene.dt)
         return np.column_stack([onset, length, frequency]), fits
-    return resolved(scene, family, one, waves, grid, (0.3 * scene.dt, 1e-3, 0.0), 3)
+    least = PART_OF_SAMPLE * scene.dt
+    return resolved(scene, family, one, waves, grid, (least, least, 0.0), 3)
 
 
-def _in_cells(scene, family, one, psi):
+def _waves_in_cells(scene, family, one, psi):
     """`Scan` of waves about one that a scan has found, on a grid that resolves them;
     each node has its share of a cell of the scan. And that `Grid`.
     """
     _, grid, found = _resolved_waves(scene, family, one, _wave_grid(
         scene, family, *psi))
-    n = max(round(float(np.exp(grid.middle[1])) / scene.dt), 1)
-    cell = max(n // WAVE_PARTS, 1) * np.log(WAVE_STEP) / next_fast_len(2 * n, real=True)
-    share = np.log(grid.apart).sum() - np.log(cell)
-    return _with_shares(found, share), grid
-
-
-def _with_shares(found, log_share):
-    """`Scan` of pairs of columns, each of which stands for a part of a cell."""
-    return Scan(np.maximum(found.gain[0] + 2.0 * log_share, 0.0), 2, lambda number: (
-        found.psi[number], unnamed(number)), log_share)
+    duration = grid.middle[1] - grid.middle[0]
+    n = max(round(duration / scene.dt), 1)
+    cell = max(n // WAVE_PARTS, 1) * duration * np.log(WAVE_STEP) / next_fast_len(
+        2 * n, real=True)
+    return of_scores(found, np.log(grid.apart.prod() / cell)), grid
 
 
 def _line_in_cells(scene, family, one, frequency):
@@ -219,14 +216,15 @@ def _line_in_cells(scene, family, one, frequency):
     _, found = _resolved_list(scene, family, one, (
         max(frequency - apart, prior.low), min(frequency + apart, prior.high)))
     cell = 1.0 / (_padded(scene) * scene.dt)
-    return _with_shares(found, np.log((found.psi[1] - found.psi[0]) / cell)), None
+    return of_scores(found, np.log((found.psi[1] - found.psi[0]) / cell)), None
 
 
 SCANS = dict(onset=step_scan, pulse=span_scan, frequency=_frequency_scan,
              waves=_wave_scan)
 FINER = dict(pulse=(span_grid, resolved_span), waves=(_wave_grid, _resolved_waves))
 SHARP = 100.0    # gain from which on a peak is narrower than what is tried
-IN_CELLS = dict(waves=(0.0, _in_cells), frequency=(SHARP, _line_in_cells))
+IN_CELLS = dict(waves=(0.0, _waves_in_cells), frequency=(SHARP, _line_in_cells),
+                pulse=(SHARP, span_in_cells))
 LIKELY = 16    # signatures whose gains are exact at every node; twice as many if some
                # are between those of a grid
 
@@ -267,15 +265,13 @@ def family_bayes(scene, family, solved, one, table, likely=None, finer=False):
     """
     if family.psi is not None:
         return _bayes_of_list(scene, family, solved, one, table), None
-    scanned, grid, coarse = None, None, None
+    scanned, grid = None, None
     if finer:
         scanned, grid = _finer(scene, family, one, table, likely.coarse)
     elif not likely:
         scanned = _scanned(scene, family, one, table)
-        coarse = scanned if _may_be_finer(family, scanned, table) else None
     if scanned:
         likely, told, beyond = _likely(scanned, table)
-        likely = likely._replace(grid=grid, coarse=coarse)
     exact = np.empty((len(solved.base), len(likely.psi)))
     for name in np.unique(likely.variant):
         own = likely.variant == name
@@ -286,9 +282,13 @@ def family_bayes(scene, family, solved, one, table, likely=None, finer=False):
     if scanned:
         there = worth[int(solved.base.argmax())]
         # a scan that says too much of these does so of the others
-        beyond += min(there - told, 0.0)
+        less = min(there - told, 0.0)
+        scanned = scanned._replace(gain=np.maximum(scanned.gain + 2.0 * less, 0.0),
+                                   beyond=scanned.beyond + less)
         likely = likely._replace(rest=np.logaddexp.reduce(
-            [there, *beyond]) - np.log(scanned.count) - there)
+            [there, *(beyond + less)]) - np.log(scanned.count) - there, grid=grid,
+            coarse=None if finer or not _may_be_finer(family, scanned, table)
+            else scanned)
     return worth + likely.rest, likely
 
 
@@ -331,7 +331,7 @@ def _parted(scan, table):
 
 def _may_be_finer(family, scanned, table):
     """Would a grid tell more: are there waves that are worth more than nothing, or a
-    sinusoid that is sharp?
+    sinusoid or a pulse that is sharp?
     """
     least, _ = IN_CELLS.get(family.effect.search, (np.inf, None))
     peak = (scanned.gain - 2.0 * scanned.log_share).max()
@@ -340,16 +340,28 @@ def _may_be_finer(family, scanned, table):
 
 
 def _finer(scene, family, one, table, scanned):
-    """`_Scanned` with a grid about the best in its place, and that `Grid`, if any."""
-    best = (scanned.gain - 2.0 * scanned.log_share).argmax()
-    part, grid = IN_CELLS[family.effect.search][1](scene, family, one,
-                                                   scanned.psi[best])
-    own, _ = part.of(np.arange(len(part.gain)))
-    psi, (top, others) = scanned.psi, _parted(part, table)
-    away = ((psi < own.min(0)) | (psi > own.max(0))).reshape(len(psi), -1).any(1)
-    both = zip((each[away] for each in scanned[:4]), top)
-    return _Scanned(*map(np.concatenate, both), scanned.k, np.append(
-        scanned.beyond, others), scanned.count), grid
+    """`_Scanned` with a grid about the best of every form in its place, of which a scan
+    may tell too little to say which form is the best; and that `Grid`, if any.
+    """
+    peak = scanned.gain - 2.0 * scanned.log_share
+    result, highest, about = scanned, -1.0, None
+    for name in np.unique(scanned.variant[peak > ROUGHLY * peak.max()]):
+        best = np.where(scanned.variant == name, peak, -1.0).argmax()
+        part, grid = IN_CELLS[family.effect.search][1](
+            scene, family._replace(variant=str(name)), one, scanned.psi[best])
+        own, _ = part.of(np.arange(len(part.gain)))
+        outside = (result.psi < own.min(0)) | (result.psi > own.max(0))
+        away = (result.variant != name) | outside.reshape(len(outside), -1).any(1)
+        top, others = _parted(part, table)
+        both = zip((each[away] for each in result[:4]), top)
+        result = _Scanned(*map(np.concatenate, both), scanned.k, np.append(
+            result.beyond, others), scanned.count)
+        if (height := (part.gain - 2.0 * part.log_share).max()) > highest:
+            highest, about = height, grid
+    return result, about
+
+
+ROUGHLY = 0.9    # of the largest gain: a scan comes as near as that
 
 
 def _likely(scanned, table):

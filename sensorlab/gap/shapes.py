@@ -45,6 +45,7 @@ def settling(scene, x, psi):
 
 DECAYS = 3.0    # time constants until what decays is said to be over: 5 % are left
 LASTS = 12.0    # times as long, after which nothing is: exp(-36)
+OVER = 7.0      # time constants, after which a thousandth is left
 
 
 def _from(scene, onset, duration, law):
@@ -125,6 +126,14 @@ def derivative(scene, x, psi):
 def least_tau(scene):
     """Least time constant of an exponential that is tried, s."""
     return min(scene.duration / 400, max(5.0 * scene.dt, scene.duration / 4000))
+
+
+def least_seen(scene):
+    """The same of one from the start on, of which the first sample that is not missing
+    shows a thousandth at least: that sample, if it is odd, would be the rest of
+    something beyond measure.
+    """
+    return max(least_tau(scene), np.argmin(np.isnan(scene.y)) * scene.dt / OVER)
 
 
 def lagged(x, dt, tau):

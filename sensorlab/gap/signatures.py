@@ -116,6 +116,20 @@ class Scan(NamedTuple):
     __repr__ = brief
 
 
+def in_cells(gain, psi, variant, k, log_share):
+    """`Scan` of signatures of so many columns, each of which stands for a part of a
+    cell of a grid.
+    """
+    return Scan(np.maximum(gain + 2.0 * log_share, 0.0), k, lambda number: (
+        psi[number], variant[number]), log_share)
+
+
+def of_scores(found, log_share):
+    """The same of `Scores` at one node."""
+    return in_cells(found.gain[0], found.psi, np.array(found.variant), found.k,
+                    log_share)
+
+
 def unnamed(number):
     """Names of variants (n,) where there is one."""
     return np.full(len(number), "")
@@ -280,11 +294,26 @@ def _scores_within(scene, family, solved, psi, first, last):
                               later)
     for block in blocks(scene, family, solved, psi):
         m, k, N = block.columns.shape
-        number = row_products(solved.residual, block.columns.reshape(-1, N))
+        number = row_products(solved.residual, block.columns.reshape(-1, N)).reshape(
+            -1, m, k)
+        if family.effect.has_edges:
+            number[:, _is_missed(scene, block.columns)] = 0.0
         yield least_squares([own[one] for one in block.psi] if own else block.psi,
-                            number.reshape(-1, m, k), information(
-                                scene, block.columns, solved))._replace(
+                            number, information(scene, block.columns, solved))._replace(
             variant=block.variant)
+
+
+SEEN = 0.1    # of the squares of what begins or ends: where a gap hides more, the rest
+              # would be that of something beyond measure
+
+
+def _is_missed(scene, columns):
+    """Which signatures (m, k, N) gaps hide, where they do not hide all alike."""
+    there = ~np.isnan(scene.y)
+    if there.all():
+        return np.zeros(len(columns), bool)
+    squares = np.einsum("mkn,mkn->mn", columns, columns)
+    return squares @ there < SEEN * there.mean() * squares.sum(1)
 
 
 def joined(parts):
