@@ -619,3 +619,16 @@ def test_counts_that_are_a_reading_are_no_digits():
     # a tenth, of those above 1, would hide as much noise: they are left as they are
     printed = np.array([float(f"{x:.2g}") for x in v])
     assert np.abs(readings.recorded(printed, DT, {}).y - printed).max() < 1e-3
+
+
+@pytest.mark.parametrize("spiky", [False, True])
+def test_a_strong_vibration_is_neither_interpolated_nor_averaged(spiky):
+    """Whatever its frequency, and with odd samples beside it: least squares foretell
+    it, and it stands beside a zero of some average.
+    """
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        y = rng.standard_normal(3000) + 10.0**rng.uniform(0.0, 3.5) * np.cos(
+            2.0 * np.pi * rng.uniform(0.02, 0.49) * np.arange(3000))
+        y += spiky * (rng.random(3000) < 0.005) * 300.0 * rng.standard_normal(3000)
+        assert not readings.readings(Scene(y, DT, {})), seed

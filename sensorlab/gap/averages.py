@@ -13,6 +13,7 @@ MOST_TAPS = 512
 TELLING = 2**17      # samples in which an average is looked for
 MOST_HELD = 1.0 / 3.0    # of the samples: what a sensor holds has such zeros, too
 LEAST_LEFT = 1e-30   # of the largest power: less is rounding
+PEAK = 30.0    # times the median of the power about a zero: more is a line
 UNEVEN = 10.0        # ratio of variances that should be equal
 
 
@@ -67,7 +68,7 @@ def _gain(power, N, n):
         response = _response(near[0] - 1 + np.arange(len(near) + 2), N, n)
         # as a Hann window shows it
         response = (response[:-2] + 4.0 * response[1:-1] + response[2:]) / 6.0
-        own = power[near]
+        own = np.minimum(power[near], PEAK * np.median(power[near]))    # no line tells
         total += len(near) * np.log(np.mean(own) / np.mean(own / response)) - (
             np.log(response).sum())
         if total < 0.0:    # the first tells of nearly all that are none
