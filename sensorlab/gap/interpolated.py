@@ -90,34 +90,42 @@ def _apart(y):
             turn = np.median(np.abs(np.diff(y[:TELLING:every], 2)))
             if turn**2 < DETERMINED * scale:    # most are held, or move steadily
                 continue
-            off = np.array([_off(y[first:], every, order) for first in range(every)])
-            whole, usual = off.T / scale    # with some odd samples, and without
-            best, second = np.sort(whole)[:2]
-            first = int(np.argmin(whole))
+            off = [_off(y[first:], every, order) / scale for first in range(every)]
+            best, second = np.sort(off)[:2]
+            first = int(np.argmin(off))
             if second > max(ELSE * best, NOTHING) and (
                     best < DETERMINED + lattice(y)**2 / 6.0 / scale    # and rounded
-                    and np.delete(usual, first).min() > ELSE * usual[first]):
+                    and _stands_out(first, y, every, order)):
                 return every, first, order
     return 0, 0, 1
 
 
-def _off(y, every, order):
-    """Variance of what those so far apart do not foretell of what is between; and of
-    the most of it that is alike: large odd samples spoil least squares wherever they
-    are.
+def _off(y, every, order, usual=False):
+    """Variance of what those so far apart do not foretell of what is between; or of the
+    most of it, that is `usual`.
     """
     sides, middle = SIDES[order], every // 2
     near = np.lib.stride_tricks.sliding_window_view(y[::every], 2 * sides)[:ROWS]
     true = y[(sides - 1) * every + middle::every][:len(near)]
     near = near[:len(true)]
     if order == 1:
-        return 2 * [np.var(true - near @ np.array([every - middle, middle]) / every)]
+        return np.var(true - near @ np.array([every - middle, middle]) / every)
     left = not_foretold(true, near)
-    usual = left**2 <= ODD * np.median(left**2)
-    return np.var(left), np.var(not_foretold(true[usual], near[usual]))
+    if usual:
+        most = left**2 <= ODD * np.median(left**2)
+        left = not_foretold(true[most], near[most])
+    return np.var(left)
 
 
 ODD = 10.0    # times the median of squares: few of normal values are larger
+
+
+def _stands_out(first, y, every, order):
+    """Do samples from the first on foretell what is between better than any others,
+    without what is odd, too? It spoils least squares for all but those who have none.
+    """
+    off = [_off(y[k:], every, order, usual=True) for k in range(every)]
+    return min(off[:first] + off[first + 1:]) > ELSE * off[first]
 
 
 ON_A_LINE = 1e-4    # of a step: times of 1.7e9 s, of samples 10 ms apart, are as exact
