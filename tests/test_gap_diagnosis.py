@@ -503,6 +503,27 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
 
 
+@pytest.mark.parametrize("units", [1e-3, large(57.3), large(499.0)])
+def test_a_factor_is_known_no_better_than_the_ranges_of_a_simulator(units):
+    """The record tells sigma_v and sigma_w times the factor f. Of a wide uniform prior
+    of both, its law is that of f times 1 / f^2 while sigma_v is in its range.
+    """
+    wide = [sensorid.hypothesis("random_walk", sigma_w=(0.05, 1.0),
+                                sigma_v=(0.5, 2.0))]
+    y = units * sensorid.simulate([sensorid.hypothesis(
+        "random_walk", sigma_w=0.2, sigma_v=1.0)], DT, 3000, seed=1).error[0]
+    d = sensorlab.diagnose(y, DT, wide)
+    assert d.verdict == "wrong_parameter"
+    assert d.found[0].values["parameter"][0] == "all"
+    f = np.linspace(units / 2.0, units / 0.5, 10001)
+    law = np.exp(-np.abs(np.log(f))) / f * f**-2.0    # an e-fold on average
+    law /= law.sum()
+    mean = law @ f
+    sd = np.sqrt(law @ (f - mean)**2)
+    factor, told = d.found[0].values["factor"]
+    assert abs(factor - mean) < 0.25 * sd and abs(told / sd - 1.0) < 0.25
+
+
 @pytest.mark.parametrize("known_to", [large(0.0), 0.003])
 def test_a_parameter_of_an_effect_of_the_simulator_may_be_wrong(known_to):
     band, h = sensorlab.CATALOGUE["narrow_band_noise"], sensorid.hypothesis(

@@ -9,6 +9,7 @@ from sensorlab.gap.changes import onset_law
 from sensorlab.gap.evidence import effort, integrate, log_sum
 from sensorlab.gap.filters import log_likelihoods
 from sensorlab.gap.guesses import guesses_from
+from sensorlab.gap.scales import scale_law
 
 
 class Account(NamedTuple):
@@ -66,7 +67,8 @@ def account(scene, bases, hypotheses=None, signatures=(), readings=(), past=None
         h = hypotheses[number]
         samples[number] = integrate(
             likelihood_of(h), h.parameters, guesses[number],
-            onset_law(h, scene, signatures), max(floor, evidence.max()),
+            onset_law(h, scene, signatures) or scale_law(h, scene, signatures),
+            max(floor, evidence.max()),
             effort=effort(scene), tails=tails)
         evidence[number] = samples[number].log_evidence[0]
     best = int(np.argmax(evidence))

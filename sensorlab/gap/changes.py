@@ -144,7 +144,8 @@ class OnsetLaw(NamedTuple):
 
     moved: Callable    # theta (M, p) with its onset at the quantile of its law that it
                        # has in the prior, and ln prior over that law (M,)
-    column: int        # of the onset in theta
+    flat: tuple        # column of the onset in theta: of what has been mapped, its
+                       # posterior is about the prior
 
     __repr__ = brief
 
@@ -178,4 +179,4 @@ def onset_law(h, scene, signatures):
             rest, early.h, early.own, early.pair, rise, early.r[:, 0].copy(),
             late.r[:, -1].copy(), (theta[:, at] - low) / (high - low), least, most)
         return at_onset(theta, onset * scene.dt), -density
-    return OnsetLaw(moved, at)
+    return OnsetLaw(moved, (at,))

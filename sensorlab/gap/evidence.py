@@ -155,10 +155,10 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
     guesses : sequence of (d,) and (d, d) array, optional
         Means and covariances that the d free parameters may have, in the coordinates
         where the prior is standard normal.
-    move : OnsetLaw, optional
+    move : OnsetLaw or ScaleLaw, optional
         A function of theta (M, p) that gives theta mapped to where the mass is, and the
-        log of the prior density there over that of what is mapped, (M,); the posterior
-        of what it has mapped is about the prior.
+        log of the prior density there over that of what is mapped, (M,); its `flat` are
+        the columns in which the posterior of what is mapped is about the prior.
     floor : float
         An evidence this low need not be known well.
     seed : int
@@ -196,7 +196,7 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         return Sample(one.theta, one.x, one.moved, one.log_likelihood,
                       one.log_likelihood[0])
     rng, flat = np.random.default_rng(seed), [] if move is None else [
-        free_columns(parameters).index(move.column)]
+        free_columns(parameters).index(column) for column in move.flat]
     guesses = [_flattened(*law, flat) for law in guesses]
     few, enough = max(round(effort * ROUND), GROUP), effort * ENOUGH_POINTS
     x, proposals = _first_points(d, guesses, few, rng)

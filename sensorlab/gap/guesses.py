@@ -38,7 +38,8 @@ def guesses_from(past, number, h, scene, signatures):
             return [*result, _louder_with(one, h, keys, scene, signatures, other,
                                           sample, kept)]
         if (one.key, "factor") in keys and (one.key, "factor") not in known:
-            return [*result, _scaled(one, h, keys, scene, signatures, other)]
+            return [*result, _near_values(    # over what is likeliest, see `ScaleLaw`
+                {(one.key, "factor"): (1.0, len(scene.y)**-0.5)}, h, keys)]
     driven = h.driven
     if driven and driven.key not in [one.key for one in other.effects]:
         return [*result, _before_change(h, keys, scene, signatures, other, sample)]
@@ -110,19 +111,6 @@ def _near_values(own, h, keys, rest=None):
         (0.5 * (near[:, 2] - near[:, 0]))**2 + NARROWEST**2), rest)
 
 
-def _scaled(one, h, keys, scene, signatures, other):
-    """The law of the free parameters `keys` of a hypothesis in which one factor is on
-    all standard deviations: what the scores of another have in the middle of its prior,
-    all else as in that.
-    """
-    middle = np.array([[p.mean for p in other.parameters]])
-    z = predict(other, scene, signatures, middle).z[0, 0]
-    return _near_values({(one.key, "factor"): (np.sqrt(np.nanmean(z**2)), SCALED)}, h,
-                        keys)
-
-
-SCALED = np.log(2.0)    # of a factor, by how much it may be another elsewhere in the
-                        # prior
 COORDINATES = np.linspace(-4.0, 4.0, 801)    # of a prior
 NARROWEST = 0.01    # standard deviation of one, of a law from which nodes are moved
 
