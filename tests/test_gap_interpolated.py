@@ -145,7 +145,7 @@ def test_a_gap_that_was_filled_is_no_calm(mean):
     large("between", "sinusoid"), large("unevenly", "none")])
 def test_what_is_beside_it_is_named(kind, effect):
     at = GIVEN[kind]
-    raw = noise(len(at)) + dict(none=0.0, bias_step=1.0 * (at > 0.6 * N),
+    raw = noise(len(at)) + dict(none=0.0, bias_step=1.5 * (at > 0.6 * N),
                                 sinusoid=0.3 * np.sin(0.2 * at))[effect]
     d = sensorlab.diagnose(np.interp(np.arange(N), at, raw), DT, [
         sensorid.hypothesis("random_walk", sigma_w=(0.005, 0.5), sigma_v=(0.2, 1.0))])

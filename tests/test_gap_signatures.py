@@ -126,6 +126,11 @@ def test_gain_of_waves_is_about_that_of_least_squares(effect, envelope):
     assert np.quantile(ratio, 0.05) > 0.7 and np.quantile(ratio, 0.95) < 1.4
 
 
+def total_of(parts):
+    """ln of the sum of the priors of all signatures of a scan."""
+    return np.logaddexp.reduce([part.log_total for part in parts])
+
+
 def finest(scene, family, solved, one, table):
     """`family_bayes` on the finest grid."""
     told, likely = scans.family_bayes(scene, family, solved, one, table)
@@ -150,7 +155,7 @@ def test_what_matters_is_exact_at_every_node(effect):
     family = signatures.Family(CATALOGUE[effect], "")
     one = solved.node(int(solved.base.argmax()))
     parts = list(scans.SCANS[family.effect.search](scene, family, one))
-    count = sum(len(part.gain) for part in parts)
+    log_total = total_of(parts)
     if family.effect.search == "waves":    # these are resolved
         best = max(parts, key=lambda part: part.gain.max())
         (psi,), _ = best.of(best.gain.argmax(keepdims=True))
@@ -158,13 +163,15 @@ def test_what_matters_is_exact_at_every_node(effect):
     top, gain = max(part.gain.max() for part in parts), []
     for part in parts:
         likely = np.flatnonzero(part.gain > top - 25.0)
-        share = np.broadcast_to(part.log_share, part.gain.shape)[likely]
-        for psi, name, less in zip(*part.of(likely), share):
-            gain.append(2.0 * less + signatures.scores_at(
-                scene, family._replace(variant=name), solved, [psi.tolist()]).gain)
+        share, prior = (np.broadcast_to(each, part.gain.shape)[likely]
+                        for each in (part.log_share, part.log_prior))
+        for psi, name, less, more in zip(*part.of(likely), share, prior):
+            own = 2.0 * less + signatures.scores_at(
+                scene, family._replace(variant=name), solved, [psi.tolist()]).gain
+            gain.append(more + signatures.mean_bayes(
+                np.maximum(own, 0.0), table[part.k]))
     # of all that is within e^-12 of the best, and nothing else
-    exact = signatures.mean_bayes(np.maximum(np.hstack(gain), 0.0), table[
-        part.k]) + np.log(len(gain) / count)
+    exact = np.logaddexp.reduce(gain) - log_total
     assert exact.min() > 8.0 and np.ptp(exact) > 0.3
     told, likely = finest(scene, family, solved, one, table)
     assert_allclose(told, exact, atol=0.15)
@@ -206,11 +213,11 @@ def test_evidence_of_waves_is_a_sum_over_a_fine_grid(effect):
     own = round(likely.grid.middle[1] - likely.grid.middle[0])
     cell = own // scans.WAVE_PARTS * np.log(scans.WAVE_STEP) / next_fast_len(
         2 * own, real=True)
-    count = sum(len(part.gain) for part in scans._wave_scan(scene, family, solved))
+    total = total_of(scans._wave_scan(scene, family, solved))
     exact = np.logaddexp.reduce(signatures.log_bayes(gain.ravel(), 2), axis=None)
-    assert exact + np.log(fine / cell / count) > 20.0
+    assert exact + np.log(fine / cell) - total > 20.0
     # nodes are up to a standard deviation apart
-    assert_allclose(told, exact + np.log(fine / cell / count), atol=0.7)
+    assert_allclose(told, exact + np.log(fine / cell) - total, atol=0.7)
 
 
 @pytest.mark.parametrize("variant, size", [
@@ -234,13 +241,15 @@ def test_evidence_of_a_large_pulse_is_a_sum_over_a_fine_grid(variant, size):
         -0.2, 0.2, 101))
     gain = np.array([[(x @ y)**2 / (x @ x) for x in (column(i, k) for k in lengths)]
                      for i in at])
-    cell = (lengths.round() // onsets.PARTS) * np.log(onsets.DURATION_STEP)
-    share = np.log((at[1] - at[0]) * np.log(lengths[1] / lengths[0]) / cell)
-    exact = signatures.log_bayes(gain.ravel(), 1).reshape(*gain.shape, -1)
-    count = sum(len(part.gain) for part in onsets.span_scan(scene, family, solved))
+    # of a prior that is even in the onset and in the logarithm of the duration
+    share = (at[1] - at[0]) * np.log(lengths[1] / lengths[0]) / np.log(
+        onsets.DURATION_STEP)
+    exact = np.logaddexp.reduce(signatures.log_bayes(gain.ravel(), 1), axis=None)
+    forms = ("rectangular", "half sine", "decaying") if variant else ("",)
+    every = np.concatenate([N - np.exp(np.arange(*np.log(
+        [onsets.SHAPES[form].least, N / 2, onsets.DURATION_STEP]))) for form in forms])
     assert gain.max() > 300.0 and gain.argmax() % 101 not in (0, 100)
-    assert_allclose(told, np.logaddexp.reduce(
-        (exact + share[:, None]).ravel()) - np.log(count), atol=0.3)
+    assert_allclose(told, exact + np.log(share / every.sum()), atol=0.3)
 
 
 @pytest.mark.parametrize("missing", [slice(0, 80), slice(400, 799), slice(260, 540),

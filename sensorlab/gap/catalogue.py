@@ -169,6 +169,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="random walk, one stuck interval",
            experiment="look for what happened at the onset: a knock, a restart"),
     Effect("pulse", columns=shapes.between, search="pulse",
+           becomes="bias_step",    # as nearly, of long duration
            parameters=lambda s: (_onset(s), _log("duration", MIN_PULSE * s.dt,
                                                  0.5 * s.duration)),
            equation="y + size f, from t = onset on; f = 1 or sin(pi s), 0 <= s < 1, or "

@@ -335,6 +335,8 @@ def _sizes(h, scene, signatures, family, theta, share, grid):
     if len(near) > MOST_NEAR:    # nothing stands out of so many
         near = np.sort(near[np.argsort(-best[near], kind="stable")[:MOST_NEAR]])
     each = log_bayes(found.gain[:, near], found.k)
+    if family.effect.search in FINER:    # even in ln of the duration, not in the end
+        each -= np.log(found.psi[near, 1, None])
     mass = np.exp(each - logsumexp(each, axis=(1, 2), keepdims=True))
     # moments along the estimate of the normal law times its squared size
     shrink = SIZES / (1.0 + SIZES)

@@ -166,7 +166,8 @@ def span_scan(scene, family, one):
                 fine = _span(scene.dt, variant, n, knots, J, rows, left, n)
                 likely = np.sort(np.argsort(-fine.gain)[:LIKELY_ONSETS])
                 share = np.log(len(scan.gain) / len(fine.gain))
-                yield in_cells(fine.gain[likely], *fine.of(likely), 1, share)
+                yield in_cells(fine.gain[likely], *fine.of(likely), 1, share,
+                               scan.log_prior)
                 at_once.append((fine.gain.max(), variant, n, fine.of(
                     fine.gain.argmax(keepdims=True))[0][0, 0]))
             if variant == RECTANGULAR:
@@ -190,7 +191,7 @@ def _about_onset(scene, family, one, onset, n):
                                if 0 < i and i + k <= len(scene.y)])
     gain = scores_at(scene, family, one, list(map(tuple, psi.tolist()))).gain[0]
     return in_cells(gain, psi, np.full(len(psi), family.variant), 1, np.log(
-        step / max(n // PARTS, 1) / len(lengths)))
+        step / max(n // PARTS, 1) / len(lengths)), _log_prior(n))
 
 
 def _span(dt, variant, n, knots, J, rows, left, parts=PARTS):
@@ -216,7 +217,14 @@ def _span(dt, variant, n, knots, J, rows, left, parts=PARTS):
     def of(number):
         return dt * np.column_stack([1 + number * every * by, np.full(
             len(number), n)]), np.full(len(number), variant)
-    return Scan(gain, 1, of)
+    return Scan(gain, 1, of, log_prior=np.log(every * by))
+
+
+def _log_prior(n):
+    """ln of the prior of a shape of n samples in a cell of a scan: as even in the onset
+    and in the logarithm of the duration, it is as large as onsets are apart.
+    """
+    return np.log(np.maximum(n // PARTS, 1))
 
 
 @njit(**KERNEL)
@@ -258,7 +266,7 @@ def _between_edges(scene, family, one, passed, best):
                 np.log(pulse[1]), log_n, powers))
             for pulse, sd in zip(spans.tolist(), found.sd[0])])
         yield in_cells(found.gain[0], scene.dt * spans, np.full(
-            len(spans), RECTANGULAR), 1, share)
+            len(spans), RECTANGULAR), 1, share, _log_prior(spans[:, 1]))
 
 
 def _most_prominent(gain):
@@ -344,6 +352,6 @@ def span_in_cells(scene, family, one, psi):
     resolves them; each node has its share of a cell of the scan. And that `Grid`.
     """
     _, grid, found = resolved_span(scene, family, one, span_grid(scene, family, *psi))
-    n = round(grid.middle[1] - grid.middle[0])
-    cell = max(n // PARTS, 1) * n * np.log(DURATION_STEP)
-    return of_scores(found, np.log(grid.apart.prod() / cell)), grid
+    n = found.psi[:, 1] / scene.dt    # a node of onset and end is so much of ln n
+    cell = np.maximum(n // PARTS, 1) * n * np.log(DURATION_STEP)
+    return of_scores(found, np.log(grid.apart.prod() / cell), _log_prior(n)), grid

@@ -21,8 +21,8 @@ from sensorlab.gap.onsets import (
     PART_OF_SAMPLE, resolved_span, span_grid, span_in_cells, span_scan, step_scan,
     step_scores)
 from sensorlab.gap.signatures import (
-    MOST_GRIDS, Grid, Scan, blocks, information, least_squares, mean_bayes, of_scores,
-    resolved, scores_at, unnamed)
+    MOST_GRIDS, Grid, Scan, blocks, each_bayes, information, least_squares, mean_bayes,
+    of_scores, resolved, scores_at, unnamed)
 
 
 @njit(**KERNEL)
@@ -235,6 +235,7 @@ class Likely(NamedTuple):
     psi: np.ndarray          # (m,) or (m, d)
     variant: np.ndarray      # (m,)
     log_share: np.ndarray    # (m,) as in `Scan`
+    log_prior: np.ndarray    # (m,) as there
     k: int                   # columns
     rest: float              # ln of the mean Bayes factor over the sum of theirs
     grid: object = None      # `Grid` where they are resolved
@@ -248,11 +249,12 @@ class _Scanned(NamedTuple):
 
     gain: np.ndarray         # (m,)
     log_share: np.ndarray    # (m,) as in `Scan`
+    log_prior: np.ndarray    # (m,) as there
     psi: np.ndarray          # (m,) or (m, d)
     variant: np.ndarray      # (m,)
     k: int                   # columns
     beyond: np.ndarray       # (.,) ln of sums of the Bayes factors of all others
-    count: int               # of all signatures
+    log_total: float         # ln of the sum of the priors of all
 
 
 def family_bayes(scene, family, solved, one, table, likely=None, finer=False):
@@ -278,7 +280,8 @@ def family_bayes(scene, family, solved, one, table, likely=None, finer=False):
         exact[:, own] = scores_at(
             scene, family._replace(variant=str(name)), solved,
             likely.psi[own].tolist()).gain
-    worth = _log_sum(np.maximum(exact + 2.0 * likely.log_share, 0.0), table[likely.k])
+    worth = _log_sum(np.maximum(exact + 2.0 * likely.log_share, 0.0), table[likely.k],
+                     likely.log_prior)
     if scanned:
         there = worth[int(solved.base.argmax())]
         # a scan that says too much of these does so of the others
@@ -286,7 +289,7 @@ def family_bayes(scene, family, solved, one, table, likely=None, finer=False):
         scanned = scanned._replace(gain=np.maximum(scanned.gain + 2.0 * less, 0.0),
                                    beyond=scanned.beyond + less)
         likely = likely._replace(rest=np.logaddexp.reduce(
-            [there, *(beyond + less)]) - np.log(scanned.count) - there, grid=grid,
+            [there, *(beyond + less)]) - scanned.log_total - there, grid=grid,
             coarse=None if finer or not _may_be_finer(family, scanned, table)
             else scanned)
     return worth + likely.rest, likely
@@ -309,24 +312,26 @@ def _bayes_of_list(scene, family, solved, one, table):
 
 def _scanned(scene, family, one, table):
     """`_Scanned` of a family at one node."""
-    found, beyond, count = [], [], 0
+    found, beyond, total = [], [], []
     for part in SCANS[family.effect.search](scene, family, one):
         top, others = _parted(part, table)
         found.append(top)
         beyond.append(others)
-        count += len(part.gain)
+        total.append(part.log_total)
     return _Scanned(*map(np.concatenate, zip(*found)), part.k, np.concatenate(beyond),
-                    count)
+                    np.logaddexp.reduce(total))
 
 
 def _parted(scan, table):
-    """Gains, shares, psi and variants of those of a scan with the largest gains, and
+    """Gains, shares, priors, psi and variants of those of a scan that matter most, and
     ln of the sum (1,) of the Bayes factors of all others.
     """
-    top = _largest(scan.gain, 2 * LIKELY)
-    share = np.broadcast_to(scan.log_share, scan.gain.shape)[top]
-    return (scan.gain[top], share, *scan.of(top)), _log_sum(
-        np.delete(scan.gain, top)[None], table[scan.k])
+    share, prior = (np.broadcast_to(part, scan.gain.shape) for part in (
+        scan.log_share, scan.log_prior))
+    top = _largest(scan.gain, prior, 2 * LIKELY)
+    others = np.delete(np.arange(len(scan.gain)), top)
+    return (scan.gain[top], share[top], prior[top], *scan.of(top)), _log_sum(
+        scan.gain[None, others], table[scan.k], prior[others])
 
 
 def _may_be_finer(family, scanned, table):
@@ -334,9 +339,9 @@ def _may_be_finer(family, scanned, table):
     sinusoid or a pulse that is sharp?
     """
     least, _ = IN_CELLS.get(family.effect.search, (np.inf, None))
-    peak = (scanned.gain - 2.0 * scanned.log_share).max()
-    return peak > least and mean_bayes(
-        np.full((1, 1), peak), table[scanned.k])[0] > np.log(scanned.count)
+    peak = scanned.gain - 2.0 * scanned.log_share
+    worth = each_bayes(peak, table[scanned.k]) + scanned.log_prior
+    return peak.max() > least and worth.max() > scanned.log_total
 
 
 def _finer(scene, family, one, table, scanned):
@@ -353,9 +358,9 @@ def _finer(scene, family, one, table, scanned):
         outside = (result.psi < own.min(0)) | (result.psi > own.max(0))
         away = (result.variant != name) | outside.reshape(len(outside), -1).any(1)
         top, others = _parted(part, table)
-        both = zip((each[away] for each in result[:4]), top)
+        both = zip((each[away] for each in result[:5]), top)
         result = _Scanned(*map(np.concatenate, both), scanned.k, np.append(
-            result.beyond, others), scanned.count)
+            result.beyond, others), scanned.log_total)
         if (height := (part.gain - 2.0 * part.log_share).max()) > highest:
             highest, about = height, grid
     return result, about
@@ -368,23 +373,28 @@ def _likely(scanned, table):
     """`Likely` signatures, their rest not known yet; ln of the sum of their Bayes
     factors as the scan has them, and of sums of those of all others.
     """
-    gain, share, psi, variant, k, beyond, _ = scanned
-    some = _largest(gain, 2 * LIKELY if share.any() else LIKELY)
-    beyond = np.append(beyond, _log_sum(np.delete(gain, some)[None], table[k]))
-    (told,) = _log_sum(gain[None, some], table[k])
-    return Likely(psi[some], variant[some], share[some], k, np.nan), told, beyond
+    gain, share, prior, psi, variant, k, beyond, _ = scanned
+    some = _largest(gain, prior, 2 * LIKELY if share.any() else LIKELY)
+    others = np.delete(np.arange(len(gain)), some)
+    beyond = np.append(beyond, _log_sum(gain[None, others], table[k], prior[others]))
+    (told,) = _log_sum(gain[None, some], table[k], prior[some])
+    return Likely(psi[some], variant[some], share[some], prior[some], k, np.nan
+                  ), told, beyond
 
 
-def _largest(gain, count):
-    """Numbers of the largest gains, so many."""
-    return np.sort(np.argpartition(-gain, min(count, len(gain) - 1))[:count])
+def _largest(gain, log_prior, count):
+    """Numbers of the largest gains, so many, each as much less as its prior is."""
+    worth = -gain - 2.0 * log_prior
+    return np.sort(np.argpartition(worth, min(count, len(gain) - 1))[:count])
 
 
-def _log_sum(gain, table):
-    """ln of the sum of the Bayes factors of gains (M, m), (M,)."""
+def _log_sum(gain, table, log_prior):
+    """ln of the sum of the Bayes factors of gains (M, m), times their priors, (M,)."""
     if not gain.shape[1]:
         return np.full(len(gain), -np.inf)
-    return mean_bayes(gain, table) + np.log(gain.shape[1])
+    if np.ptp(log_prior) == 0.0:
+        return mean_bayes(gain, table) + np.log(gain.shape[1]) + log_prior[0]
+    return np.logaddexp.reduce(each_bayes(gain, table) + log_prior, axis=1)
 
 
 def scores(scene, family, solved):

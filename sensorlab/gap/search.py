@@ -154,12 +154,15 @@ def _unless_shared(causes, theirs):
         probability=c.probability + theirs * some) for c in causes)
 
 
+GRADUAL = "gradual_step"    # it takes its time
+
+
 def _at_some_time(path, effects, searched):
     """What both find that is `searched` for steps alone beside a path, and for pulses,
     too; None if that is not few, or no step is among the effects.
     """
     steps, pulses = ([e for e in effects if e.columns and e.search == kind
-                      and not e.becomes] for kind in ("onset", "pulse"))
+                      and e.name != GRADUAL] for kind in ("onset", "pulse"))
     if steps:
         alone = searched(steps)
         if len(alone.path.found) < len(path.found) + MANY_STEPS:

@@ -59,6 +59,13 @@ def _looked_up(gain, table, per_unit):
     return table[low] + (at - low) * (table[low + 1] - table[low])
 
 
+def each_bayes(gain, table):
+    """ln B of gains."""
+    root = np.sqrt(gain)
+    beyond = np.maximum(gain - GAIN_ROOT[-1]**2, 0.0)    # of the table
+    return np.interp(root, GAIN_ROOT, table) + 0.5 * beyond
+
+
 def mean_bayes(gain, table):
     """ln of the mean Bayes factor over all psi, (M,), from gains (M, m)."""
     result = np.empty(len(gain))
@@ -112,22 +119,30 @@ class Scan(NamedTuple):
     of: Callable           # some numbers (n,) -> their psi (n,) or (n, d), and variants
     log_share: np.ndarray = 0.0    # (m,) ln of the part of its cell of the grid in
                                    # which B is near its peak: it is in the gain
+    log_prior: np.ndarray = 0.0    # (m,) ln of the prior, but for what all scans of the
+                                   # effect have
 
     __repr__ = brief
 
+    @property
+    def log_total(self):
+        """ln of the sum of the priors of all."""
+        share = np.exp(self.log_prior + self.log_share)    # one for all, or of each
+        return np.log(len(self.gain)) + np.log(np.mean(share))
 
-def in_cells(gain, psi, variant, k, log_share):
+
+def in_cells(gain, psi, variant, k, log_share, log_prior=0.0):
     """`Scan` of signatures of so many columns, each of which stands for a part of a
     cell of a grid.
     """
     return Scan(np.maximum(gain + 2.0 * log_share, 0.0), k, lambda number: (
-        psi[number], variant[number]), log_share)
+        psi[number], variant[number]), log_share, log_prior)
 
 
-def of_scores(found, log_share):
+def of_scores(found, log_share, log_prior=0.0):
     """The same of `Scores` at one node."""
     return in_cells(found.gain[0], found.psi, np.array(found.variant), found.k,
-                    log_share)
+                    log_share, log_prior)
 
 
 def unnamed(number):
