@@ -788,7 +788,7 @@ def test_a_cut_off_just_below_half_the_rate_is_known(order, form):
     (True, "digital first order"), (False, "digital first order white noise")])
 def test_a_walk_is_found_before_a_low_pass_and_behind_it(passes, form):
     w, walk = np.random.default_rng(1).standard_normal((2, 2600))
-    walk = 0.03 * np.cumsum(walk)
+    walk = 0.015 * np.cumsum(walk)
     b, a = signal.butter(1, 0.4)
     y = signal.lfilter(b, a, w + passes * walk)[600:] + (not passes) * walk[600:]
     d = sensorlab.diagnose(y, 1.0, WHITE)
