@@ -2914,7 +2914,7 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
                          ", by their names")
     samples = check_trials(hypotheses, dt, duration, trials)
     if times is not None:
-        stops = np.unique(np.round(np.asarray(times) / dt).astype(int))
+        stops = _stops_at(times, dt)
     elif algorithms:
         first = min(max(samples / 32, MIN_COMPARED), samples)
         stops = np.unique(np.round(np.geomspace(first, samples, 6)).astype(int))
@@ -2947,6 +2947,22 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     return _criteria(hypotheses, grids, reached, dt * stops, algorithms, chunk)
 
 
+WHOLE = 1e-3    # samples: closer to a whole number is rounding of a time
+
+
+def _stops_at(times, dt):
+    """Numbers of samples (T,) at times, s."""
+    try:
+        samples = np.atleast_1d(np.asarray(times, float)) / dt
+    except (TypeError, ValueError):
+        samples = np.full(1, np.nan)
+    stops = np.round(samples)
+    if not samples.size or samples.ndim > 1 or not (abs(samples - stops) < WHOLE).all():
+        raise ValueError(f"times {times!r}: numbers are needed, each a whole number of "
+                         f"samples times {dt:g} s")
+    return np.unique(stops.astype(int))
+
+
 def _check_answer(name, answer, hypotheses):
     """Refuse what an algorithm of somebody's own may not return."""
     try:
@@ -2963,9 +2979,10 @@ def _check_answer(name, answer, hypotheses):
 
 def check_trials(hypotheses, dt, duration, trials):
     """Number of samples of a trial, if all numbers make sense."""
-    if not (np.isfinite(dt) and dt > 0 and np.isfinite(duration) and duration >= dt):
-        raise ValueError(f"dt = {dt:g} s, duration = {duration:g} s: "
-                         "0 < dt <= duration is needed")
+    if np.ndim(dt) or np.ndim(duration) or not (
+            np.isfinite(dt) and dt > 0 and np.isfinite(duration) and duration >= dt):
+        raise ValueError(f"dt = {dt} s, duration = {duration} s: two numbers, "
+                         "0 < dt <= duration, are needed")
     check_whole(trials, "numbers of trials")
     if trials < 8 * len(hypotheses):
         raise ValueError(f"{trials} trials of {len(hypotheses)} hypotheses: "
@@ -3344,6 +3361,10 @@ def allan_deviation(omega, dt, per_octave=1):
     """Averaging times, s, up to a third of the record, and Allan deviations, u, at so
     many an octave, at least 1.
     """
+    omega = as_samples(omega)
+    if omega.ndim != 1 or len(omega) < 2:
+        raise ValueError(f"the record has shape {omega.shape}: two samples or more of "
+                         "one axis of one sensor are needed")
     n = len(omega)
     if not 1 <= per_octave <= n:
         raise ValueError(f"{per_octave} averaging times per octave: 1 or more are "

@@ -87,6 +87,8 @@ def test_a_record_too_short_is_refused():
     (lambda: s.allan_variance(np.arange(11.0), 1.0, 1.5), "m is 1.5: whole numbers"),
     (lambda: s.allan_variance(np.arange(11.0), -1.0, 1), "sampling interval is -1.0 s"),
     (lambda: s.allan_deviation(np.arange(11.0), 1.0, per_octave=0), "1 or more"),
+    (lambda: s.allan_deviation(np.ones((3, 40)), 1.0), "one axis of one sensor"),
+    (lambda: s.allan_deviation([], 1.0), "two samples or more"),
     (lambda: s.model_allan_variance(s.white_noise(1.0, 2.0), 0), "m is 0: whole")])
 def test_averaging_times_are_whole_samples(call, message):
     with pytest.raises(ValueError, match=message):

@@ -32,6 +32,16 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.parametrize("command", [
+    "identify r.npz --model m.json", "identify r.npz r.npz --model m.json",
+    "criteria m.json --duration 20 --trials 64", "plan r.npz --model m.json --trials 20"])
+def test_a_result_goes_where_a_program_can_read_it(folder, capfd, command):
+    assert main([*command.split(), "--json", "-"]) == 0
+    printed = capfd.readouterr()
+    assert json.loads(printed.out) and "s" in printed.err
+    assert not pathlib.Path("-").exists()
+
+
 def test_identify_names_the_model_and_writes_what_it_says(folder, capsys):
     assert main("identify r.npz --model m.json --json o.json --save-model b.json "
                   "--plot p.png".split()) == 0

@@ -59,6 +59,12 @@ def test_what_cannot_be_looked_for_is_refused_by_name(effects, said):
         sensorlab.diagnose(Y, DT, WHITE, effects=effects)
 
 
+@pytest.mark.parametrize("trials", [0, 1, 8, 20.5])
+def test_simulated_records_are_a_whole_number_and_not_few(trials):
+    with pytest.raises(ValueError, match="numbers of simulated records .* >= 9"):
+        sensorlab.diagnose(Y, DT, WHITE, trials=trials)
+
+
 @pytest.mark.parametrize("seed", [-1, 1.5, None, True, "1"])
 def test_a_seed_is_a_whole_number(seed):
     for drawn in (lambda: sensorid.simulate(WHITE, DT, 20, seed=seed),

@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 
-from sensorlab.commands.options import parser
+from sensorlab.commands.options import STDOUT, parser
 from sensorlab.printable import printable
 
 
@@ -23,7 +23,10 @@ def main(argv=None):
 
     def work():
         parser().parse_args(argv, options)
-        importlib.import_module(f"{__name__}.{options.command}").run(options)
+        command = importlib.import_module(f"{__name__}.{options.command}")
+        aside = sys.stderr if getattr(options, "json", None) == STDOUT else sys.stdout
+        with contextlib.redirect_stdout(aside):
+            command.run(options)
 
     def kept():
         folder = options.checkpoint

@@ -98,8 +98,7 @@ def parser():
     _record_options(one, several=True)
     _unit_options(one)
     _several_options(one)
-    one.add_argument("--json", type=_file, metavar="OUT.json",
-                     help="write the result, with Phi, Gamma, H, Psi")
+    _json_option(one, "the result, with Phi, Gamma, H, Psi")
     one.add_argument("--csv", type=_file, metavar="OUT.csv",
                      help="write a table, a line for every record")
     one.add_argument("--save-model", type=_file, metavar="OUT.json",
@@ -144,7 +143,7 @@ def parser():
     two.add_argument("--checkpoint", type=_file, metavar="FOLDER",
                      help="keep finished chunks of trials there; "
                           "the same command takes up an interrupted run")
-    two.add_argument("--json", type=_file, metavar="OUT.json", help="write the result")
+    _json_option(two)
     two.add_argument("--plot", type=_file, metavar="OUT.png", help="draw the result")
 
     four = commands.add_parser(
@@ -206,7 +205,7 @@ def parser():
     six.add_argument("--unit", type=_text, metavar="U", help="unit of the record")
     six.add_argument("--scale", type=_numbers, default=(1.0,), metavar="X",
                      help="what the numbers of a record are multiplied by")
-    six.add_argument("--json", type=_file, metavar="OUT.json", help="write the result")
+    _json_option(six)
     six.add_argument("--plot", type=_file, metavar="OUT.png", help="draw the result")
 
     three = commands.add_parser(
@@ -330,6 +329,15 @@ def _text(text, what="it"):
 def _file(text):
     """The name of a file."""
     return _text(text, "the name")
+
+
+STDOUT = "-"    # in place of a file: standard output, where nothing else is then
+
+
+def _json_option(parser, what="the result"):
+    parser.add_argument("--json", type=_file, metavar="OUT.json",
+                        help=f"write {what}; {STDOUT} prints it, and all else goes to "
+                             "standard error")
 
 
 def _hypotheses_options(parser):

@@ -10,6 +10,7 @@ import numpy as np
 
 from sensorid import MODELS, write_whole
 from sensorlab.commands.cache import forgive
+from sensorlab.commands.options import STDOUT
 from sensorlab.commands.progress import announce_compilation
 from sensorlab.gap.costs import available
 from sensorlab.gap.dropouts import dropouts
@@ -341,6 +342,8 @@ def check_outputs(inputs, *outputs, plot=None):
     outputs = [file for file in (*outputs, plot) if file is not None]
     taken = {os.path.realpath(file) for file in inputs if file}
     for file in outputs:
+        if file == STDOUT:
+            continue
         refuse_link(file)
         if os.path.realpath(file) in taken:
             raise ValueError(f"{file} is named twice: "
@@ -391,7 +394,11 @@ def write_text(file, text):
 
 def write_json(file, value):
     """Write a value as JSON, whole or not at all."""
-    write_text(file, json.dumps(finite(value), indent=1, allow_nan=False))
+    text = json.dumps(finite(value), indent=1, allow_nan=False)
+    if file == STDOUT:
+        print(text, file=sys.__stdout__, flush=True)
+    else:
+        write_text(file, text)
 
 
 def simulated_records(options, record):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensorid import as_samples, brief, check_seed, one_thread_if
+from sensorid import as_samples, brief, check_seed, check_whole, one_thread_if
 from sensorlab.gap.account import Account, with_tails
 from sensorlab.gap.causes import Cause
 from sensorlab.gap.closure import Closure, along_the_filter, closure, held_out
@@ -109,6 +109,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         str(name): as_samples(x) for name, x in dict(columns).items()}
     check_scene(y, dt, columns)
     check_seed(seed)
+    if trials is not None:
+        check_whole(trials, "numbers of simulated records", MIN_TRIALS)
     effects = as_effects(effects)
     check_parameters(effects, Scene(y, dt, columns))
     simulator = as_simulator(simulator)
@@ -121,6 +123,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
                           seed, simulated)
 
 
+MIN_TRIALS = 9    # simulated records: of fewer, a p-value tells next to nothing
 SHORT_RECORD = 6000    # samples, up to which a step takes less time than a thread waits
                        # for the interpreter that another has
 EXPECTED = 18    # parts of the work, as `say` counts them, where nothing is found
