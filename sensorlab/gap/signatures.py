@@ -59,13 +59,6 @@ def _looked_up(gain, table, per_unit):
     return table[low] + (at - low) * (table[low + 1] - table[low])
 
 
-def each_bayes(gain, table):
-    """ln B of gains."""
-    root = np.sqrt(gain)
-    beyond = np.maximum(gain - GAIN_ROOT[-1]**2, 0.0)    # of the table
-    return np.interp(root, GAIN_ROOT, table) + 0.5 * beyond
-
-
 def mean_bayes(gain, table):
     """ln of the mean Bayes factor over all psi, (M,), from gains (M, m)."""
     result = np.empty(len(gain))
@@ -74,6 +67,11 @@ def mean_bayes(gain, table):
     _average(np.ascontiguousarray(gain), table, np.exp(table[:int(20.0 * per_unit)]),
              per_unit, result)
     return result - np.log(gain.shape[1])
+
+
+def each_bayes(gain, table):
+    """ln B of every gain of an array."""
+    return mean_bayes(gain.reshape(-1, 1), table).reshape(gain.shape)
 
 
 @njit(**KERNEL)
