@@ -86,8 +86,9 @@ def px4(axes, choice=Choice()):
     values = {}
     for axis, pair in _numbers(axes, choice):
         short = "GYR" if axis.kind == "gyroscope" else "ACC"
-        values[f"EKF2_{short}_NOISE"] = pair.density / np.sqrt(PX4_INTERVAL)
-        values[f"EKF2_{short}_B_NOISE"] = pair.walk / np.sqrt(PX4_INTERVAL)
+        for name, value in ("NOISE", pair.density), ("B_NOISE", pair.walk):
+            values[f"EKF2_{short}_{name}"] = round(    # as it is written
+                value / PX4_INTERVAL**0.5, 9)
     outside = [f"{name} {value:.3g} is outside of what PX4 takes, "
                f"{PX4_RANGES[name][0]:g} to {PX4_RANGES[name][1]:g}"
                for name, value in values.items()
