@@ -66,6 +66,17 @@ def test_what_is_far_above_the_noise_is_named_alone(kind):
     assert diagnosed(**made).verdict == effect
 
 
+@pytest.mark.parametrize("at, size", [
+    (0, 490.0), large(-1, 490.0), large(0, 40.0), large(-1, 40.0)])
+def test_what_a_log_begins_or_ends_with_is_an_outlier(at, size):
+    """Two levels fit it as well: what they cost counts in a simulator that has no room
+    for it, too.
+    """
+    more = np.zeros(N)
+    more[at] = -size
+    assert diagnosed(more).verdict == "outliers"
+
+
 @pytest.mark.parametrize("gap", [slice(0, 900), large(slice(800, 1300))])
 def test_one_odd_sample_after_a_gap_is_no_rest_of_something_beyond_measure(gap):
     odd = np.zeros(N)

@@ -71,6 +71,8 @@ def with_best(found, by_chance, among):
         enough = -_probabilities(acc, rivals, among)[0]
         _seen_by_jumps(rivals, account_with, enough, hidden=not others)
         _seen_better(rivals, others, account_with, enough)
+    else:
+        rivals[:] = _over_one_base(rivals, acc)
     while True:
         prior, alone, share = _probabilities(acc, rivals, among)
         weighed = Weighed(prior, alone, share, _grouped(rivals, share))
@@ -91,6 +93,18 @@ def with_best(found, by_chance, among):
         if worth == best.log_bayes:
             return weighed, settled(best, chosen)
         rivals[weighed.best] = best._replace(chosen=chosen, log_bayes=worth)
+
+
+def _over_one_base(rivals, acc):
+    """The rivals of an account by their own evidence, over that of it which the best of
+    them has: how much more the account is worth than in its ranges, see
+    `log_bayes_over`, each would say by what its own parameters cost.
+    """
+    own = [one.account.log_evidence - acc.log_evidence if one.account else one.log_bayes
+           for one in rivals]
+    best = int(np.argmax(own)) if own else 0
+    return [one._replace(log_bayes=float(worth - own[best] + rivals[best].log_bayes))
+            for one, worth in zip(rivals, own)]
 
 
 def _probabilities(acc, rivals, among=1):
