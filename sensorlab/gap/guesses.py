@@ -11,6 +11,7 @@ from sensorid import Parameter, free_columns
 from sensorlab.gap.evidence import effort, integrate
 from sensorlab.gap.filters import log_likelihoods, predict
 from sensorlab.gap.linear import part_of
+from sensorlab.gap.scales import column_of_scale
 from sensorlab.gap.screens import (
     LAWS, STRENGTHS, change_of_drive, noise_with, usual_variance)
 from sensorlab.gap.spectra import posterior_law
@@ -37,9 +38,9 @@ def guesses_from(past, number, h, scene, signatures):
         if one.effect.relative_to and one.key not in [own.key for own in other.effects]:
             return [*result, _louder_with(one, h, keys, scene, signatures, other,
                                           sample, kept)]
-        if (one.key, "factor") in keys and (one.key, "factor") not in known:
-            return [*result, _near_values(    # over what is likeliest, see `ScaleLaw`
-                {(one.key, "factor"): (1.0, len(scene.y)**-0.5)}, h, keys)]
+    at = column_of_scale(h)
+    if at is not None and h.keys[at] not in known:    # over what is likeliest
+        return [*result, _near_values({h.keys[at]: (1.0, len(scene.y)**-0.5)}, h, keys)]
     driven = h.driven
     if driven and driven.key not in [one.key for one in other.effects]:
         return [*result, _before_change(h, keys, scene, signatures, other, sample)]

@@ -4,7 +4,7 @@ from typing import Callable, NamedTuple
 
 import numpy as np
 
-from sensorid import brief
+from sensorid import Parameter, brief
 from sensorlab.gap.filters import log_likelihoods
 
 
@@ -26,12 +26,20 @@ class ScaleLaw(NamedTuple):
         return self.moved(theta)
 
 
+def column_of_scale(h):
+    """Number of the parameter of a hypothesis that is a factor on all standard
+    deviations, of no range of its own; None if it has none.
+    """
+    return next((c for one in h.effects if one.effect.factor
+                 for c in [h.keys.index((one.key, "factor"))]
+                 if not isinstance(h.parameters[c], Parameter)), None)
+
+
 def scale_law(h, scene, signatures):
     """`ScaleLaw` of a hypothesis; None if it has no such factor."""
-    keys = [(one.key, "factor") for one in h.effects if one.effect.factor]
-    if not keys:
+    at = column_of_scale(h)
+    if at is None:
         return None
-    at = h.keys.index(keys[0])
 
     def likeliest(theta, near):
         for _ in range(1 + h.has_jumps):    # with jumps, only what is near tells it

@@ -96,9 +96,11 @@ def with_best(found, by_chance, among):
 
 
 def _over_one_base(rivals, acc):
-    """The rivals of an account by their own evidence, over that of it which the best of
-    them has: how much more the account is worth than in its ranges, see
-    `log_bayes_over`, each would say by what its own parameters cost.
+    """The rivals of an account by their own evidence over one that all share.
+
+    Where an account is squeezed against the ends of its ranges, it is worth more than
+    its evidence, see `log_bayes_over`. By how much, each rival would say by what its
+    own parameters cost; what the best of them says holds.
     """
     own = [one.account.log_evidence - acc.log_evidence if one.account else one.log_bayes
            for one in rivals]
