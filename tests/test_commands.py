@@ -219,6 +219,8 @@ def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     ("identify r.npz --plot p.xyz --json o.json", "a picture is one of .png"),
     ("identify r.npz --json r.npz", "is named twice"),
     ("identify r.npz --json a.json --save-model ./a.json", "is named twice"),
+    ("identify r.npz --json - --csv -", "only --json can print"),
+    ("export m.json --to numpy --out -", "only --json can print"),
     ("identify r.npz --hypotheses markov,markov", "named twice"),
     ("simulate m.json --like . --out s.npz", "no such file, but a folder"),
     ("criteria m.json --duration 1e300", "record less"),

@@ -19,7 +19,8 @@ def run(options):
     refuse_unused(options, "model", "hypotheses", "report", "csv", "checkpoint",
                   "workers",
                   why="does nothing beside --compose, which finds the sum by itself")
-    check_outputs(options.records, options.json, options.save_model, plot=options.plot)
+    check_outputs(options.records, options.save_model, plot=options.plot,
+                  json=options.json)
     plt = matplotlib_for_files() if options.plot else None
     records = read_each(options)
     if len(records) > 1:

@@ -21,7 +21,7 @@ from sensorlab.tables import Table, show
 def run(options):
     model = read_model(options.model)
     refuse_effects(options.model, model)
-    check_outputs([options.model], options.json, options.csv, plot=options.plot)
+    check_outputs([options.model], options.csv, plot=options.plot, json=options.json)
     if options.checkpoint is not None:
         check_folder(options.checkpoint)
     if options.target is not None or options.target_rsd:

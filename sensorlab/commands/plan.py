@@ -23,7 +23,8 @@ def run(options):
     model = read_model(options.model, options.dt) if options.model else None
     refuse_effects(options.model, model)
     names = hypothesis_names(options)
-    check_outputs([*options.records, options.model], options.json, plot=options.plot)
+    check_outputs([*options.records, options.model], plot=options.plot,
+                  json=options.json)
     plt = matplotlib_for_files() if options.plot else None
     records = read_each(options, model)
     if len(records) > 1:

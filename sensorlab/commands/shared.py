@@ -335,15 +335,20 @@ def targets(option, texts, most=1000):
 PICTURES = ".png", ".pdf", ".svg", ".jpg"
 
 
-def check_outputs(inputs, *outputs, plot=None):
-    """Refuse before the work what could not be written after it."""
+def check_outputs(inputs, *outputs, plot=None, json=None):
+    """Refuse before the work what could not be written after it; `json` may be the
+    standard output.
+    """
     if plot is not None and pathlib.Path(plot).suffix.lower() not in PICTURES:
         raise ValueError(f"{plot}: a picture is one of {', '.join(PICTURES)}")
+    if json != STDOUT:
+        outputs = json, *outputs
     outputs = [file for file in (*outputs, plot) if file is not None]
     taken = {os.path.realpath(file) for file in inputs if file}
     for file in outputs:
         if file == STDOUT:
-            continue
+            raise ValueError(f"{STDOUT} is standard output, where only --json can "
+                             "print: name a file")
         refuse_link(file)
         if os.path.realpath(file) in taken:
             raise ValueError(f"{file} is named twice: "

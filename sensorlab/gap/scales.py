@@ -30,9 +30,12 @@ def column_of_scale(h):
     """Number of the parameter of a hypothesis that is a factor on all standard
     deviations, of no range of its own; None if it has none.
     """
-    return next((c for one in h.effects if one.effect.factor
-                 for c in [h.keys.index((one.key, "factor"))]
-                 if not isinstance(h.parameters[c], Parameter)), None)
+    for one in h.effects:
+        if one.effect.factor:
+            at = h.keys.index((one.key, "factor"))
+            if not isinstance(h.parameters[at], Parameter):
+                return at
+    return None
 
 
 def scale_law(h, scene, signatures):
