@@ -4,6 +4,8 @@ other algorithms, files, pictures, the command line.
     tables         sentences and tables as text of any width
     gap/           effect, size and place of what a simulator lacks; see `sensorlab.gap`
     rivals         other algorithms, the Cramer-Rao bound
+    planning       how long must be recorded
+    rest           where a sensor was not moved
     readers/       recordings as files and programs hold them
     units          units of the field, parameters as data sheets quote them
     foreign/       data sheets and other programs' files as model files
@@ -21,7 +23,7 @@ import importlib
 
 _HOME = dict(
     ALGORITHMS="rivals", estimation_bound="rivals",
-    diagnose_many="several", identify_many="several",
+    at_rest="rest", diagnose_many="several", identify_many="several",
     read="readers", read_axes="readers", Recording="readers", Record="readers",
     read_record="readers",
     Model="modelfiles", read_model="modelfiles", model_text="modelfiles",

@@ -68,8 +68,8 @@ ROOMS = {    # of the laboratory; each takes only from those before it, and befo
                           "matlab", "parquet", "rosbag", "px4", "ardupilot", "apart"],
     "sensorlab/drawings": ["style", "identification", "performance", "panels",
                            "diagnosis"],
-    "sensorlab": ["printable", "tables", "gap", "rivals", "planning", "readers",
-                  "units", "foreign", "modelschema", "modelfiles", "exports",
+    "sensorlab": ["printable", "tables", "gap", "rivals", "planning", "rest",
+                  "readers", "units", "foreign", "modelschema", "modelfiles", "exports",
                   "drawings", "pages", "several", "commands"]}
 
 

@@ -17,6 +17,7 @@ from sensorlab.gap.dropouts import dropouts
 from sensorlab.gap.report import finite
 from sensorlab.readers import (
     SAME, Unread, plain_name, read as read_source, read_axes, read_rows, unread)
+from sensorlab.rest import LARGE, at_rest
 from sensorlab.units import check_report, factor, fits, kind_of, quoted
 
 
@@ -32,7 +33,9 @@ def read(options, model=None, beside=()):
         options.record, options.column, _interval(options, options.record, model),
         options.resample, options.allow_missing, beside, options.missing)
     _tell_of_lost([record], options)
-    return _as_asked(record, options, model)
+    record = _as_asked(record, options, model)
+    _tell_of_motion([record], options)
+    return record
 
 
 def covariates_of(options):
@@ -60,6 +63,7 @@ def read_each(options, model=None, beside=()):
                 found[number] = in_unit(_as_asked(one, options, model), options, model)
             except (ValueError, OSError) as problem:
                 found[number] = unread(one.file, one.column, problem)
+    _tell_of_motion([one for one in found if not isinstance(one, Unread)], options)
     problems = {getattr(one, "problem", None) for one in found}
     if len(problems) == 1 and None not in problems:    # nothing else to be said
         raise ValueError(*problems)
@@ -149,6 +153,26 @@ def _of_lost(name, x, or_zero=True):
     value = value if float(value) == lost.value else repr(lost.value)
     return (f"{lost.own.sum()} samples of {name} are {value}, unlike all others: if "
             f"these were lost, --missing {value} takes them as missing")
+
+
+def _tell_of_motion(records, options):
+    """Say once of every sensor that it was moved, and where it was at rest."""
+    sensors = {}
+    for one in records:
+        sensors.setdefault((one.file, one.dt, len(one.error)), []).append(one)
+    for (file, dt, N), axes in sensors.items():
+        moved = [one.column for one in axes
+                 if np.diff(at_rest(one.error, dt)).sum() < N]
+        if not moved:
+            continue
+        still = at_rest([one.error for one in axes], dt)
+        longest = still[np.argsort(-np.diff(still)[:, 0])[:1]]    # if there is any
+        print(f"sensorid: {file}: {', '.join(moved)} may show a motion, which is no "
+              f"error of the sensor, {1.0 - np.diff(still).sum() / N:.0%} of the time "
+              f"(changes within a second of more than {LARGE:.0f} times the noise)",
+              *(f"the longest stretch at rest is --from {first:.10g} --to {last:.10g}"
+                for first, last in longest * dt + (options.start or 0.0)),
+              sep="; ", file=sys.stderr)
 
 
 ROUNDING = 1e-6    # of a sample
