@@ -53,6 +53,47 @@ def test_what_both_have_is_no_gap_and_what_one_has_is(known):
                                              ).verdict.split("+")
 
 
+def vibrating(rng, n, frequency=1.3, amplitude=0.6):
+    """A line in white noise."""
+    t = 0.1 * np.arange(n)
+    return 0.5 * rng.standard_normal(n) + amplitude * np.sin(
+        2.0 * np.pi * frequency * t + rng.uniform(0.0, 6.0))
+
+
+@pytest.mark.parametrize("seed", [1003, 1004, large(1001), large(1006)])
+def test_a_line_is_known_no_better_than_a_short_record_tells(seed):
+    rng = np.random.default_rng(seed)
+    theirs, y = vibrating(rng, 500), vibrating(rng, 2500)
+    simulator = sensorlab.simulator_from(theirs[None], 0.1)
+    (line,), = simulator.effects
+    frequency = line.values["frequency"]
+    assert frequency.low < 1.3 < frequency.high
+    # its standard error: D. Rife, R. Boorstyn, IEEE Trans. Inf. Theory 20, 1974
+    amplitude = np.hypot(*(np.mean(theirs * wave(2.0 * np.pi * 1.3 * 0.1 * np.arange(
+        500))) * 2.0 for wave in (np.sin, np.cos)))
+    sd = np.sqrt(6.0) * 0.5 / (np.pi * amplitude * 50.0 * np.sqrt(500.0))
+    half = 0.5 * (frequency.high - frequency.low)
+    assert half == pytest.approx(np.sqrt(3.0) * sd, rel=0.15)
+    d = sensorlab.diagnose(y, 0.1, simulator, simulated=theirs[None])
+    assert d.verdict == "none" and not d.shared
+
+
+def test_a_line_that_moved_is_no_gap_and_is_told_of():
+    rng = np.random.default_rng(7)
+    theirs, y = vibrating(rng, 1000, 1.4), vibrating(rng, 1000, 1.3, 0.8)
+    simulator = sensorlab.simulator_from(theirs[None], 0.1)
+    d = sensorlab.diagnose(y, 0.1, simulator, simulated=theirs[None])
+    assert d.verdict == "none" and d.before.p_value > 0.01 and not d.found
+    (line,) = d.shared
+    assert line.name == "sinusoid" and abs(line.values["frequency"] - 1.3) < 0.002
+    y[600:] += 1.5
+    d = sensorlab.diagnose(y, 0.1, simulator, simulated=theirs[None])
+    assert d.verdict == "bias_step" and d.closure.closed > 0.9
+    assert [one.name for one in d.shared] == ["sinusoid"]
+    said = sensorlab.table(d, sensorlab.Recording("a.csv", "error", y, 0.1), "u")
+    assert "sinusoid of 1.3 Hz is no gap" in said
+
+
 def test_a_parameter_that_moved_leaves_no_gap_behind(known):
     # the simulator's own record lies far from the fit of this one
     y, simulator = known

@@ -84,6 +84,22 @@ def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
         assert_allclose(seen, high)
 
 
+@pytest.mark.parametrize("lsb, share", [(0.4, 0.1), (0.6, 0.1), large(0.25, 0.03)])
+def test_a_limit_shows_where_a_walk_wanders_beyond(lsb, share):
+    """Which codes next to the last one are met most hangs on where it was for long."""
+    found = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        x = 0.1 * np.cumsum(rng.standard_normal(3000)) + 0.5 * rng.standard_normal(3000)
+        high = lsb * np.round(np.quantile(x, 1.0 - share) / lsb)
+        x = lsb * np.round(x / lsb)
+        assert not limits_seen(x)
+        seen = limits_seen(np.minimum(x, high))
+        found += bool(seen)
+        assert all(low == -np.inf and np.isclose(end, high) for low, end in seen)
+    assert found > 10
+
+
 @pytest.mark.parametrize("scatter", [8.0, 30.0])
 def test_what_is_folded_or_begins_again_at_its_other_end_has_no_limit(scatter):
     rng = np.random.default_rng(6)

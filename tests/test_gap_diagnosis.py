@@ -288,16 +288,18 @@ def test_noise_that_follows_a_column_is_no_burst(name, variant):
             0.01 * (x - 10.0))
         return strength * rng.standard_normal(4000) + np.cumsum(
             0.004 * rng.standard_normal(4000)), {name: x}
-    y, columns = recorded(7, 60.0)
+    y, columns = recorded(14, 60.0)    # to either side of zero
     d = sensorlab.diagnose(y, 0.01, hypotheses, columns)
     assert d.verdict == "noise_sensitivity"
     found, = d.found
     mean, sd = found.values["ratio"]
     about, per = (found.values[symbol][0] for symbol in ("about", "per"))
     truth = np.hypot(1.0, per / 30.0) if variant == "square" else np.exp(0.01 * per)
-    assert (found.column, found.variant) == (name, variant)
+    assert found.column == name and (found.variant == "square") == (
+        variant == "square")
     assert abs(mean - truth) < 3.0 * sd < 0.3 * truth and d.closure.closed > 0.8
-    assert about == (0.0 if variant == "square" else columns[name].mean())
+    assert about in ([0.0] if variant == "square" else [
+        of(columns[name]) for of in (np.mean, np.min, np.max)])
     y, columns = recorded(8, 30.0)
     again = sensorlab.diagnose(y, 0.01, sensorlab.augmented(d), columns)
     assert again.verdict == "none"
@@ -314,6 +316,25 @@ def test_noise_that_grows_is_no_step(low_passed):
     assert {*d.verdict.split("+")} == {"noise_ramp", *["bandwidth"] * low_passed}
     (mean, sd), = [one.values["ratio"] for one in d.found if "ratio" in one.values]
     assert abs(mean - 2.5) < 3.0 * sd < 0.5
+
+
+LATE, TURN = np.linspace(0.0, 1.0, 1500), np.sin(np.linspace(0.0, 9.0, 1500))
+
+
+@pytest.mark.parametrize("name, form, times", [
+    ("noise_ramp", "as simulated at first", 2.0**LATE),
+    ("noise_ramp", "as simulated in the middle", 2.0**(LATE - 0.5)),
+    ("noise_ramp", "as simulated at last", 2.0**(1.0 - LATE)),
+    ("noise_step", "after the onset", np.where(LATE > 0.7, 2.0, 1.0)),
+    ("noise_step", "before the onset", np.where(LATE < 0.3, 2.0, 1.0)),
+    ("noise_sensitivity", "value above its least", 1.4**(1.0 + TURN)),
+    ("noise_sensitivity", "value below its most", 1.4**(1.0 - TURN))])
+def test_where_a_known_noise_is_right_says_how_it_changes(name, form, times):
+    y = times * np.random.default_rng(6).standard_normal(1500)
+    d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=1.0)],
+                           dict(temperature=TURN) if "sens" in name else {})
+    assert d.verdict == name and d.found[0].variant == form
+    assert d.found[0].share > 0.9 and d.causes[0].probability > 0.8
 
 
 def test_a_simulator_whose_low_passed_noise_changes_twice_is_refused():

@@ -21,8 +21,9 @@ def counts(y, lsb):
 @pytest.mark.parametrize("y, lsb", [
     (WHITE, 0.0), (counts(WHITE, 0.05), 0.05),
     (counts(WHITE + 3.0, 0.3), 0.3),    # 3 sigma away is a code that is seldom met
-    (20.0 * np.sin(TIME) + 0.1 * WHITE, 0.0)    # a motion goes through it
-], ids=["doubles", "fine counts", "counts", "motion"])
+    (20.0 * np.sin(TIME) + 0.1 * WHITE, 0.0),    # a motion goes through it
+    (np.minimum(WHITE, 1.0), 0.0)
+], ids=["doubles", "fine counts", "counts", "motion", "clipped"])
 @pytest.mark.parametrize("value", [0.0, -9999.0, "between codes"])
 def test_what_is_lost_is_seen(y, lsb, value):
     value = float(np.median(y)) + 0.4 * lsb if value == "between codes" else value

@@ -116,7 +116,8 @@ def test_what_is_found_after_a_low_pass_passes_it_unless_it_is_of_white_noise():
     ("random_walk", ""), ("correlated_noise", ""), ("bias_instability", ""),
     ("narrow_band_noise", ""), ("bandwidth", "first order"), ("blue_noise", ""),
     ("bandwidth", "second order"), ("noise_step", ""), ("noise_sensitivity", "value"),
-    ("noise_sensitivity", "square"), ("noise_ramp", ""), ("walk_step", "")])
+    ("noise_sensitivity", "square"), ("noise_ramp", ""), ("walk_step", ""),
+    ("noise_step", "before the onset")])
 def test_processes_have_the_covariance_that_is_written(name, variant):
     x = 0.02 * np.arange(-80.0, 120.0)
     scene, effect = Scene(np.zeros(200), DT, dict(rate=x)), CATALOGUE[name]
@@ -145,6 +146,8 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
             1.0 + a) * shaped([1.0, -1.0], [1.0, -a], lag)),
         ("noise_step", ""): ((120.0, 3.0), base + 0.16 * eye * np.where(
             t >= 120, 9, 1)),
+        ("noise_step", "before the onset"): ((120.0, 3.0), base + 0.16 * eye * np.where(
+            t < 120, 9, 1)),
         ("noise_sensitivity", "value"): ((3.0, 0.5, 4.0), base + 0.16 * eye * 9.0**((
             x - 0.5) / 4.0)),
         ("noise_sensitivity", "square"): ((3.0, 0.5, 4.0), base + 0.16 * eye * (
@@ -168,20 +171,22 @@ def test_processes_have_the_covariance_that_is_written(name, variant):
                     rtol=1e-8)
 
 
-@pytest.mark.parametrize("effects", [
-    ("bandwidth", "noise_step"), ("noise_step", "bandwidth"),
-    ("bandwidth", "noise_sensitivity"), ("noise_sensitivity", "bandwidth")])
+@pytest.mark.parametrize("effects, form", [
+    (("bandwidth", "noise_step"), ""), (("noise_step", "bandwidth"), ""),
+    (("bandwidth", "noise_step"), "before the onset"),
+    (("bandwidth", "noise_sensitivity"), "square"),
+    (("noise_sensitivity", "bandwidth"), "square")])
 @pytest.mark.parametrize("variant", ["first order", "second order"])
-def test_a_change_of_the_noise_passes_the_low_pass(variant, effects):
+def test_a_change_of_the_noise_passes_the_low_pass(variant, effects, form):
     n, past, tau = 200, 200, 2.0
     x = np.sin(0.05 * np.arange(n)) + 0.2
     h = member(Scene(np.zeros(n), DT, dict(rate=x)), MODEL[1])
     for name in effects:
-        h = h.with_effect(CATALOGUE[name], dict(
-            bandwidth=variant, noise_sensitivity="square").get(name, ""),
-            "rate" * (name == "noise_sensitivity"))
-    times = np.where(np.arange(n) >= 120, 3.0, 1.0) if "noise_step" in effects else (
-        np.hypot(1.0, np.sqrt(8.0) * x / 1.5))
+        h = h.with_effect(CATALOGUE[name], variant if name == "bandwidth" else form,
+                          "rate" * (name == "noise_sensitivity"))
+    times = np.where((np.arange(n) < 120) == bool(form), 3.0, 1.0)
+    if form == "square":
+        times = np.hypot(1.0, np.sqrt(8.0) * x / 1.5)
     times = np.append(np.full(past, times[0]), times)
     if variant == "first order":
         a = np.exp(-1.0 / tau)

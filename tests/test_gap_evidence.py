@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 import sensorid
 from sensorlab import Scene
 from sensorlab.gap import account, changes, evidence, filters, screens
-from sensorlab.gap.catalogue import MIN_SIDE
+from sensorlab.gap.catalogue import CATALOGUE, MIN_SIDE
 
 
 @pytest.mark.parametrize("k", [0, 1])
@@ -82,8 +82,9 @@ def test_a_climb_finds_mode_and_covariance_of_a_gaussian():
 
 
 def stepped(effect, n=300):
-    """White noise that doubles at sample 120, or a walk that is driven ten times as
-    much from there on, on a bias; scene and hypothesis with all but the onset known.
+    """White noise that doubles at sample 120, or halves, or a walk that is driven ten
+    times as much from there on, on a bias; scene and hypothesis with all but the onset
+    known.
     """
     if effect == "walk_step":
         rng = np.random.default_rng(3)
@@ -93,14 +94,14 @@ def stepped(effect, n=300):
         h = member(scene, sensorid.hypothesis("random_walk", sigma_w=0.2, sigma_v=1.0),
                    effect)
         return scene, h.fixed({(effect, "ratio"): 10.0})
-    noise = np.random.default_rng(3).standard_normal(n)
-    scene = Scene(0.7 + noise * np.where(np.arange(n) < 120, 1.0, 2.0), DT, {})
+    noise, early = np.random.default_rng(3).standard_normal(n), np.arange(n) < 120
+    scene = Scene(0.7 + noise * np.where(early == bool(effect), 2.0, 1.0), DT, {})
     h = sensorid.hypothesis("random_walk", sigma_w=0.05, sigma_v=1.0)
-    h = member(scene, h, "noise_step")
+    h = member(scene, h).with_effect(CATALOGUE["noise_step"], effect)
     return scene, h.fixed({("noise_step", "ratio"): 2.0})
 
 
-CHANGES = pytest.mark.parametrize("effect", ["noise_step", "walk_step"])
+CHANGES = pytest.mark.parametrize("effect", ["", "before the onset", "walk_step"])
 
 
 @CHANGES

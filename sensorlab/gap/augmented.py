@@ -22,7 +22,7 @@ def augmented(d):
     # a uniform range of this half-width has that standard deviation
     width = np.sqrt(3.0) * sample._replace(theta=to(sample.theta)).sd(to(theta))
     ((h, effects),) = as_simulated(d.final, d.scene, theta, width).pairs
-    effects = _with_ranges(d, effects)
+    effects = with_ranges(d, effects)
     offset = offset_of(d.scene, d.known)
     base = d.final.bases[d.final.best].hypothesis
     bias_sigma = max(h.bias_sigma or base.bias_sigma, abs(offset))
@@ -57,7 +57,7 @@ def _before_rounding(d, h):
         if p.symbol.startswith("sigma") else p for p in h.parameters))
 
 
-def _with_ranges(d, effects):
+def with_ranges(d, effects):
     """Effects of a simulator, of which those that were found and are columns times a
     size have their parameters in ranges, if they do not begin at some time.
     """

@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from sensorid import Parameter
 from sensorlab.gap.account import account
+from sensorlab.gap.augmented import with_ranges
 from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import fixed
 from sensorlab.gap.joint import joint_of
@@ -69,9 +70,11 @@ def simulator_from(records, dt, columns=None):
                for one in acc.member.effects]
     effects = [one for one in effects
                if not (one.effect.reading or one.effect.factor)]
-    for s, own in zip(acc.signatures, np.transpose(amplitudes)):
-        effects.append(s.found._replace(values={
-            **fixed(**s.found.values), **_sizes(s, own)}))
+    inside, columns = len(effects), with_ranges(first, [*effects, *(s.found._replace(
+        values=fixed(**s.found.values)) for s in acc.signatures)])
+    effects += [one._replace(values={**one.values, **_sizes(s, own)})
+                for one, s, own in zip(columns[inside:], acc.signatures,
+                                       np.transpose(amplitudes))]
     joint = None if len(records) > 1 else joint_of(seen, acc, ranges)
     return Simulator((h,), ((*effects, *(r.found for r in acc.readings)),), joint)
 

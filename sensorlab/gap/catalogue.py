@@ -153,6 +153,11 @@ MIN_BURST = 8    # samples of a burst of noise: fewer are outliers
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance
 
 
+CHANGES = "after the onset", processes.BEFORE
+RAMPS = "as simulated in the middle", processes.AT_FIRST, processes.AT_LAST
+VALUES = "value", processes.LEAST, processes.MOST
+
+
 def _onset(scene, samples=1):
     """Prior of an onset with so many samples on either side at least."""
     return Parameter("onset", samples * scene.dt, scene.duration - samples * scene.dt)
@@ -350,24 +355,26 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="quantization of the angle, white noise that is low-passed",
            experiment="integrate: the angle has white noise"),
     Effect("noise_step", model=processes.noise_step, drive=processes.stronger_from,
-           of_white=True, elementwise=True, search="onset",
+           of_white=True, elementwise=True, search="onset", variants=CHANGES,
+           alike=CHANGES,
            parameters=lambda s: (_onset(s, MIN_SIDE), _ratio(max(
                10.0, 3.0 * s.contrast))),
            equation="the white noise becomes ratio times as strong from t = onset "
-                    "on; onset in s",
+                    "on, or is so before; onset in s",
            resembles="outliers in clusters, noise ramp",
            experiment="look for what was switched on at the onset"),
     Effect("noise_ramp", model=processes.noise_along, drive=processes.stronger_along,
-           of_white=True, elementwise=True, relative_to=processes.whole_range,
+           of_white=True, elementwise=True, variants=RAMPS, alike=RAMPS,
+           relative_to=processes.whole_range,
            parameters=lambda s: (_ratio(_most_varied(s)),),
            equation="the white noise becomes ratio^((t - about) / per) times as "
-                    "strong; about and per in s",
+                    "strong, about in the middle or at an end; about and per in s",
            resembles="noise step, noise sensitivity where the column drifts",
            experiment="record longer, and the temperature with it"),
     Effect("noise_sensitivity", model=processes.noise_along,
            drive=processes.stronger_along,
-           of_white=True, elementwise=True, column="any", variants=("value", "square"),
-           relative_to=processes.whole_range,
+           of_white=True, elementwise=True, column="any", variants=(*VALUES, "square"),
+           alike=VALUES, relative_to=processes.whole_range,
            parameters=lambda s: (_ratio(_most_varied(s)),),
            equation="the white noise becomes ratio^u times as strong, or sqrt(1 + "
                     "(ratio^2 - 1) u^2) times, u = (x - about) / per; about and per "

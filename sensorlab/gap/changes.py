@@ -60,7 +60,8 @@ def draw_onsets(y, h, own, pair, rise, early, late, u, least, most):
     of variance late (M,) from there on nearly give the likelihood of every onset at
     once. A law to draw from need not be exact: gains are kept once they have settled,
     and what may be an outlier or follows a gap counts little. y (N,) is a record less
-    all constants, h (n,) observes the states, whose noises rise (M, 1) from there on.
+    all constants, h (n,) observes the states, whose noises rise (2, M, 1) before and
+    after.
     """
     onset, density = np.zeros((2, len(u)))
     # as many on any machine, since gains are kept once those of all lanes have settled;
@@ -73,8 +74,8 @@ def draw_onsets(y, h, own, pair, rise, early, late, u, least, most):
 
 
 @njit(**KERNEL)
-def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, early, late, u, least,
-                       most, onset, density):
+def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, early, late, u,
+                       least, most, onset, density):
     """Groups of `draw_onsets`."""
     (M, n), N = own.shape[1:], len(y)
     for group in range(first, last):
@@ -84,8 +85,7 @@ def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, early, late, u
         odds = np.zeros((N, lanes))
         for changed in range(2):
             load(own, pair, node, parts, P)
-            if changed:
-                drive(own, node, rise, 0, True, parts)
+            drive(own, node, rise[changed], 0, True, parts)
             _add_scores(y, h, pair, parts, P, (late if changed else early)[node],
                         changed - 0.5, odds)
         peak = np.full(((most - least - 1) // ONSET_BIN + 1, lanes), -np.inf)
@@ -174,7 +174,8 @@ def onset_law(h, scene, signatures):
     def part_moved(theta):
         early, late = (parts_at(h, scene, at_onset(theta, when))
                        for when in (scene.duration, 0.0))
-        rise = late.rise[:, :1].copy() if len(late.rise) else np.zeros((len(theta), 1))
+        rise = np.array([part.rise[:, :1] if len(part.rise) else np.zeros(
+            (len(theta), 1)) for part in (early, late)])
         onset, density = draw_onsets(
             rest, early.h, early.own, early.pair, rise, early.r[:, 0].copy(),
             late.r[:, -1].copy(), (theta[:, at] - low) / (high - low), least, most)

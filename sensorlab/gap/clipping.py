@@ -35,7 +35,7 @@ def limits_of(y, lsb, noise):
         # on a lattice, a few far out may meet on one value: what is next to it counts
         near = [*sign * np.unique(sign * seen)[-TAIL - 1:-1], *(
             end - sign * k * lsb for k in range(1, TAIL + 1) if lsb)]
-        before = max(np.sum(np.abs(y - v) <= 0.5 * lsb) for v in near)
+        before = max((np.sum(np.abs(y - v) <= 0.5 * lsb) for v in near), default=0)
         least = 3 if lsb < COARSE * noise else 3 * TAIL
         at_end = y == end
         count = np.sum(at_end)
@@ -46,7 +46,8 @@ def limits_of(y, lsb, noise):
         full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
             lsb > 0.0 and count >= least and (
                 lsb >= COARSE * noise and _piles_up(np.abs(end - seen) / lsb)
-                or _ends_abruptly(np.abs(end - seen), lsb)
+                or (_ends_abruptly(np.abs(end - seen), lsb)
+                    or _stops_short(np.abs(end - seen), lsb))
                 and not uneven_codes(seen[seen != end], lsb)[0]))
         full = full and _is_near(end, seen, lsb)
         limits.append(float(end) if full else sign * np.inf)
@@ -81,15 +82,41 @@ def _ends_abruptly(apart, lsb):
     x = lsb / noise * (np.arange(1, int(SPAN * noise / lsb) + 2) + 0.5)
     above = -ndtri(0.5 * count / len(apart))
     beyond = np.exp(-above * x - 0.5 * x**2).sum()
-    return count * np.log1p(beyond) > ABRUPT and _holds_more(apart / lsb, beyond)
+    return count * np.log1p(beyond) > ABRUPT and (    # less than half does not tell
+        beyond < 0.5 or _holds_more(apart / lsb, beyond))
 
 
 def _holds_more(apart, beyond):
     """May the last code of a lattice hold so many times its own samples more? Samples
-    are so many codes `apart` (N,) from it. Less than half as many do not tell.
+    are so many codes `apart` (N,) from it.
     """
     root, foretold, sd = _foretold(apart, 1)
-    return beyond < 0.5 or root > np.sqrt(1.0 + beyond) * foretold - TOO_FEW * sd
+    return root > np.sqrt(1.0 + beyond) * foretold - TOO_FEW * sd
+
+
+FINE = 2.0    # times the noise, at most, is a code where it does not hide what is slow
+
+
+def _stops_short(apart, lsb):
+    """Do samples on the last code of a lattice, by what is foretold of each, belong
+    beyond? Samples are `apart` (N,) from it.
+
+    Where the noise is normal, of standard deviation s about what those before foretell,
+    a sample that is on the code or beyond is beyond with a known probability p: that
+    none of those is there has that of the product of 1 - p. A code may be half as wide
+    again.
+    """
+    left = unpredicted(apart[:TELLING])
+    if left is None:
+        return False
+    noise = less_rounding(np.std(left), lsb)
+    if lsb > FINE * noise:
+        return False
+    last = apart[:TELLING][-len(left):]
+    away = (last - left)[last < 0.5 * lsb] / noise
+    on, beyond = ndtr(0.5 * lsb / noise - away), ndtr(-lsb / noise - away)
+    return -np.log1p(-beyond / on).sum() > ABRUPT and _holds_more(
+        apart / lsb, np.mean(beyond / (on - beyond)))
 
 
 APART = 5.0    # standard deviations of the noise: what is farther out was never clipped

@@ -24,7 +24,7 @@ from sensorlab.gap.own import as_effects, check_parameters
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing, recorded
 from sensorlab.gap.refits import estimated_together
 from sensorlab.gap.remainder import Remainder, parts, remainder
-from sensorlab.gap.search import Search, beside_steps, narrowed, search
+from sensorlab.gap.search import Search, beside_steps, narrowed, reduced, search
 from sensorlab.gap.tuning import tuned
 from sensorlab.gap.twins import Twins, less_shared
 from sensorlab.gap.verdict import (
@@ -41,7 +41,8 @@ class Diagnosis(NamedTuple):
                              # beside others, or all there is) or undecided
     causes: tuple            # of Cause, most probable first; none and unknown are there
     known: tuple             # of Found: signatures that the simulator has
-    base: Account            # the simulator as it was
+    shared: tuple            # of Found: what its own records show, too, and it lacks
+    base: Account            # the simulator as it was, and with these
     final: Account           # with the effects that were found
     found: tuple             # of Found: these effects, in the order found
     parts: tuple             # of Part: what each of them closes
@@ -171,6 +172,12 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
             return search(full, acc, path, effects, before, glanced, own, least=least)
         return beside_steps(full, again(effects), again, effects)
     by = described(sought(start, found, effects))
+    shared, lacking = (), base
+    if by.search.shared:
+        base, start = (reduced(full, by.search, names)[0]
+                       for names in ([], [one.name for one in found.found]))
+        before = glanced(base) if by.found else by.search.after
+        by, shared = described(by.search), _beyond(base, lacking)
     if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it
         nothing = by.search.after is before
         before = unshared(_surely(full, base, trials, seed, near=alone))
@@ -197,7 +204,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     more = final.signatures or len(final.member.effects) > len(start.member.effects)
     say("integrating the error, foretelling the end of the record", 2)
     return Diagnosis(
-        full, verdict, causes, known, base, final, by.found, by.parts, before, after,
+        full, verdict, causes, known, shared, base, final, by.found, by.parts, before, after,
         by.closure, by.directed, closed_by_any(before), by.rest,
         drift(full, [in_place(as_simulated(acc, full, gap.theta), acc, full)
                      for acc, gap in ((base, before), (final, after))], seed),
@@ -207,6 +214,13 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         else None, tuple(bias_beside(simulator, known, acc, full)
                          for acc in (base, final)),
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
+
+
+def _beyond(acc, less):
+    """Effects of an account that another does not have."""
+    own = [s.found for s in less.signatures], [one.key for one in less.member.effects]
+    return (*(s.found for s in acc.signatures if s.found not in own[0]),
+            *(one for one in acc.member.effects if one.key not in own[1]))
 
 
 class _Described(NamedTuple):

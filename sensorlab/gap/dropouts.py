@@ -29,14 +29,15 @@ MEDIAN = 0.6745 * np.sqrt(2.0)    # of the differences of white noise of varianc
 
 def dropouts(y):
     """`Dropouts` of a record (N,), none by chance: the least or the largest value, 0,
-    or that which is met most, of all or of those that are no code, if the sensor
-    hardly gave it.
+    or that which is met most, of all, of those between, or of those that are no code,
+    if the sensor hardly gave it.
     """
     values, times = np.unique(y[~np.isnan(y)], return_counts=True)
     if len(values) and times.max() >= FEWEST_RUNS:
         most = times.argmax()
-        tried, odd = [values[0], values[-1], 0.0, values[most]], np.where(
-            _is_no_code(values - values[most], lattice(y)), times, 0)
+        between = times[1:-1].argmax() + 1 if len(times) > 2 else most
+        tried = [values[0], values[-1], 0.0, values[most], values[between]]
+        odd = np.where(_is_no_code(values - values[most], lattice(y)), times, 0)
         if odd.max() > SEVERAL * (odd.sum() - odd.max()):
             tried.append(values[odd.argmax()])
         for value in tried:
@@ -88,6 +89,7 @@ def _is_met_too_often(value, others, lsb, noise, count):
     near, reach = np.abs(away) < NEAR * noise, max(BESIDE * noise, 1.5 * lsb)
     per_width = near.sum() / (2.0 * NEAR * noise)
     beside = np.abs(met - value) < (2.0 * reach if lsb else np.inf)
+    beside[[0, -1]] = False    # where samples may be clipped
     often = max(per_width * lsb, times[beside].max(initial=1) - 1, ALMOST_NEVER)
     return bool(
         lsb < NEAR * noise and (away[near] > 0.0).any() and (away[near] < 0.0).any()

@@ -91,7 +91,7 @@ def _louder_with(one, h, keys, scene, signatures, other, sample, kept):
     has no such effect, all else as `kept`.
     """
     seen = predict(other, scene, signatures, sample.likeliest[None])
-    told = noise_with(scene, one, seen.z[0, 0])
+    told = noise_with(h, one, seen.z[0, 0])
     likeliest = dict(zip(other.keys, sample.likeliest))
     own = {(one.key, "ratio"): (told.ratio, told.off)}
     own.update((key, (told.rest * likeliest[key], told.off)) for key in keys

@@ -85,7 +85,7 @@ class Inside(_Where):
     def _told(self, effect, scene, start, richer):
         """Hypotheses with an effect in it, and about ln B."""
         if effect.relative_to:
-            return richer, noise_with(scene, richer[0].effects[-1],
+            return richer, noise_with(richer[0], richer[0].effects[-1],
                                       self.scores[0]).about
         if effect.search not in BY_SPECTRA:
             return richer, np.nan

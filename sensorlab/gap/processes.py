@@ -344,17 +344,20 @@ def level(scene, filt, dwell, sigma):
     return join(filt, (1.0, 0.0 * sigma, 0.0))
 
 
-def noise_step(scene, filt, onset, ratio):
-    if np.all(onset > scene.time[-1]):
+BEFORE = "before the onset"    # a form of a change of noise, which has settled since
+
+
+def noise_step(scene, filt, onset, ratio, variant=""):
+    if variant != BEFORE and np.all(onset > scene.time[-1]):
         return filt
-    return _with_white(filt, stronger_from(scene, onset, ratio))
+    return _with_white(filt, stronger_from(scene, onset, ratio, variant))
 
 
-def stronger_from(scene, onset, ratio):
+def stronger_from(scene, onset, ratio, variant=""):
     first, ratio = np.broadcast_arrays(np.searchsorted(scene.time, onset), ratio)
     times = np.ones((*first.shape[:-1], len(scene.y)))
     for row, at, own in zip(np.atleast_2d(times), first.ravel(), ratio.ravel()):
-        row[at:] = own    # at many nodes it is long
+        row[slice(at) if variant == BEFORE else slice(at, None)] = own    # it is long
     return times
 
 
@@ -373,13 +376,20 @@ def stronger_along(scene, ratio, about, per, x, variant=""):
         variant == "square") else ratio**u
 
 
+AT_FIRST, AT_LAST = "as simulated at first", "as simulated at last"    # forms of a
+LEAST, MOST = "value above its least", "value below its most"    # noise in time, and
+                                                                 # along a column
+
+
 def whole_range(x, variant=""):
     """What the strength of white noise is relative to: it is as the simulator says at
-    zero, or at the mean, and ratio times as strong a whole range away.
+    zero, at the mean, or at an end, and ratio times as strong a whole range away.
     """
     if variant == "square":
         return dict(about=0.0, per=float(np.abs(x).max()))
-    return dict(about=float(x.mean()), per=float(np.ptp(x)))
+    least, most = float(x.min()), float(x.max())
+    about = {AT_FIRST: least, AT_LAST: most, LEAST: least, MOST: most}
+    return dict(about=about.get(variant, float(x.mean())), per=most - least)
 
 
 def walk_step(scene, filt, onset, ratio):

@@ -39,6 +39,7 @@ def report(d, record):
                     probability=present(d.causes).get(one.name, 0.0),
                     parameters=_parameters(one.values))
                for one, part in zip(d.found, d.parts)],
+        shared=[one.name for one in d.shared],
         where=[dict(**_place(s, i), before=abs(float(d.before.distance[i])),
                     after=abs(float(d.after.distance[i])),
                     p_value=d.before.p_place[s.place[i]],

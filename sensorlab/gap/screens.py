@@ -56,10 +56,15 @@ class Louder(NamedTuple):
     rest: float     # times as strong as the filter has it, where x is `about`
 
 
-def noise_with(scene, one, z):
-    """`Louder` of an effect, `Found` with its ratio free, from normal scores as
-    `screened` has them; by Laplace's method.
+def noise_with(h, one, z):
+    """`Louder` of an effect of a hypothesis, `Found` with its ratio free, from normal
+    scores as `screened` has them; by Laplace's method.
+
+    The scale of the noise is free where its standard deviation is.
     """
+    scene = h.scene
+    loose = any(symbol == "sigma_v" and p.free for (_, symbol), p in zip(
+        h.keys, h.parameters))
     prior, *known = one.values.values()
     x, seen, known = scene.along(one.column), ~np.isnan(z), {
         p.symbol: p.low for p in known}
@@ -74,16 +79,16 @@ def noise_with(scene, one, z):
         return times, (square / times**2).sum() / many.sum()
 
     def gain(log_ratio):
-        times, even = of(log_ratio)
-        return -0.5 * many.sum() * np.log(even / square.sum() * many.sum()) - (
-            many @ np.log(times))
+        (times, even), usual = of(log_ratio), square.sum() / many.sum()
+        more = np.log(even / usual) if loose else even - usual
+        return -0.5 * many.sum() * more - many @ np.log(times)
     best = minimize_scalar(lambda at: -gain(at), bounds=(low, high), method="bounded").x
     most, apart = gain(best), 1e-2
     bent = (2.0 * most - gain(best - apart) - gain(best + apart)) / apart**2
     off = 1.0 / np.sqrt(max(bent, 1e-9))
     return Louder(float(most + min(np.log(np.sqrt(2.0 * np.pi) * off / (high - low)),
                                    -1.0)), float(np.exp(best)), float(off),
-                  float(np.sqrt(of(best)[1])))
+                  float(np.sqrt(of(best)[1])) if loose else 1.0)
 
 
 def usual_variance(z, log_score):

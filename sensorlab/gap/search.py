@@ -48,6 +48,7 @@ class Search(NamedTuple):
     left: float       # ln B of the best that is not added; 0 if nothing is for it
     other: object = None    # `Search` for what happens at some time alone, if steps at
                             # random were the best, but few, and it did not go on there
+    shared: bool = False    # has the account what the simulator's own records show, too?
 
     __repr__ = brief
 
@@ -67,7 +68,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
     noises, doubtful, exchanges, left, settled = 0, 0, 0, 0.0, 1
-    leaves, after, lesser, other = {}, before, {}, None
+    leaves, after, lesser, other, shared = {}, before, {}, None, False
     asked = twins or any(one.effect.search == "onset" for one in path.found)
     if path.found:
         after = glanced(acc)
@@ -111,7 +112,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
             if better:
                 acc, lesser, path, leaves = better
             if acc is same:
-                return Search(acc, lesser, path, leaves, after, left, other)
+                return Search(acc, lesser, path, leaves, after, left, other, shared)
             exchanges, settled = exchanges + 1, 1
             after = glanced(acc, after)
             continue
@@ -122,6 +123,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
             leaves = {**others, **{key: c for key, c in leaves.items()
                                    if len(c.found) > len(path.found)}}
             acc, path, lesser = look.account, scaled(path, 1.0 - missing, 0.0), {}
+            shared = True
             if best.found[0].effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
                                                *acc.signatures[:-1]))
@@ -142,7 +144,8 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
         last, after = after, glanced(acc, after)
         needed = stays_needed(best.found[-1].effect, last, after)
         doubtful = 0 if needed else doubtful + 1
-    return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left, other)
+    return Search(acc, lesser, path, {**leaves, path.effect: path}, after, left, other,
+                  shared)
 
 
 def _unless_shared(causes, theirs):
@@ -252,12 +255,19 @@ def _by_rounding(full, acc, theta):
 
 def narrowed(full, done, names, glanced):
     """A search with only those effects of its path that have certain names."""
+    acc, path = reduced(full, done, names)
+    return Search(acc, done.lesser if acc is done.account else {}, path,
+                  {path.effect: path}, glanced(acc), done.left)
+
+
+def reduced(full, done, names):
+    """The account and the path of a search with only those effects."""
     acc, lesser, path = done.account, done.lesser, done.path
     for number, one in reversed(list(enumerate(path.found))):
         if one.name not in names:
             acc, path = _less(full, acc, lesser, path, number)
             lesser = {}
-    return Search(acc, lesser, path, {path.effect: path}, glanced(acc), done.left)
+    return acc, path
 
 
 def _less(full, acc, lesser, path, number, floor=-np.inf):

@@ -66,15 +66,14 @@ OF_THE_RECORD = ("size", "amplitude", "sigma", "sigma_v", "sigma_m", "sigma_n", 
 
 def unit_of(symbol, unit, column=""):
     """Unit of a parameter of an effect or of a hypothesis in a record in `unit`."""
-    if symbol in SECONDS:
+    if symbol in SECONDS or symbol in ("about", "per") and not column:
         return "s"
     if symbol in OF_THE_RECORD:
         return unit
     return dict(frequency="Hz", phase="rad", slope=f"{unit}/s", curvature=f"{unit}/s^2",
                 sigma_w=f"{unit} per sample", rate="of the samples",
                 coefficient=f"{unit} per unit of {column or 'its column'}",
-                per=f"of {column or 'its column'}"
-                ).get(symbol, "")
+                per=f"of {column}").get(symbol, "")
 
 
 def sizes(found, unit, dt):

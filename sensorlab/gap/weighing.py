@@ -131,13 +131,24 @@ def _probabilities(acc, rivals, among=1):
     return prior, share[0], share[1:]
 
 
+MENTIONED = 10.0**0.5    # times as probable is worth a mention (H. Jeffreys, the same)
+
+
 def _grouped(rivals, share):
     """Numbers of the rivals of each effect, most probable first: columns are rivals in
-    where an effect comes from, not in what it is.
+    where an effect comes from, not in what it is. Of forms that are one a priori and
+    hardly differ, the first comes first.
     """
     groups = {}
     for number in np.argsort(-share):
         groups.setdefault(rivals[number].effect.name, []).append(number)
+    for own in groups.values():
+        best, forms = rivals[own[0]], rivals[own[0]].effect.alike
+        near = [k for k in own if rivals[k].variant in forms
+                and rivals[k].at == best.at and share[own[0]] <= MENTIONED * share[k]]
+        if best.variant in forms:
+            first = min(near, key=lambda k: forms.index(rivals[k].variant))
+            own.sort(key=lambda k: k != first)
     return list(groups.values())
 
 

@@ -112,6 +112,14 @@ def gap_sentence(d):
             f"where 1 is no gap; the chance of one as large is {p}")
 
 
+def shown_by_both(d):
+    """What is no gap, though the simulator lacks it."""
+    for one in d.shared:
+        at = one.values.get("frequency") if one.effect.columns else None
+        yield (f"{one.name} {f'of {number(at)} Hz ' * bool(at)}is no gap: the "
+               "simulator's own records show one like it")
+
+
 def with_found(d):
     """What the simulator with effects is called in a picture."""
     names = list(dict.fromkeys(phrase(one.name, [one]) for one in d.found))
@@ -293,6 +301,8 @@ def advice(d, unit):
         yield (f"{e.name} is easily taken for {e.resembles}; to tell them apart: "
                f"{e.experiment}")
     for one in d.found:
+        if one.variant in one.effect.alike and one.share < 0.5:
+            continue    # another is as good
         if one.variant and not one.column:
             yield (f"the form of {one.name} is {one.variant}, probability "
                    f"{one.share:.2f}")
@@ -371,6 +381,7 @@ def told(d, record, unit):
         ", alone or with another effect" if d.causes[0].probability < SURE
         and d.verdict != "undecided" else "")
     yield gap_sentence(d)
+    yield from shown_by_both(d)
     yield causes_table(d, unit)
     yield places_table(d)
     yield from closing(d)
