@@ -48,7 +48,7 @@ class Search(NamedTuple):
     left: float       # ln B of the best that is not added; 0 if nothing is for it
     other: object = None    # `Search` for what happens at some time alone, if steps at
                             # random were the best, but few, and it did not go on there
-    shared: bool = False    # has the account what the simulator's own records show, too?
+    shared: bool = False    # has the account what the simulator's records show, too?
 
     __repr__ = brief
 

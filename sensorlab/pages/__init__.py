@@ -80,7 +80,8 @@ def page(d, record, unit=None, origin=Provenance(), view=None):
         facts=_facts(d), found=_found(d, unit), named=words.is_named(d),
         figures=_figures(d, seen, unit), caption=_caption(d, seen, unit),
         causes=_causes(d, unit),
-        sentences=[*words.shown_by_both(d), *words.closing(d), *words.left(d)], steps=_steps(d, unit),
+        sentences=[*words.shown_by_both(d), *words.closing(d), *words.left(d)],
+        steps=_steps(d, unit),
         duration=d.scene.duration, missing=int(np.isnan(d.scene.y).sum()),
         **made(origin.command))
 
