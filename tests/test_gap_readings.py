@@ -560,6 +560,26 @@ def test_a_converter_is_simulated_as_it_was_read():
     assert d.verdict == "none"
 
 
+def test_codes_of_the_simulator_are_those_of_its_counts():
+    codes = [[k - 40.0, WIDTHS[k % 4]] for k in range(80)]
+    h = sensorid.hypothesis("white_noise", sigma_v=3.0, bias_sigma=5.0)
+    simulator = Simulator((h,), ((
+        Found(CATALOGUE["quantization"], values=dict(lsb=1.0)),
+        Found(CATALOGUE["differential_nonlinearity"], values=dict(codes=codes))),))
+    y = noisy(np.random.default_rng(4), "white")
+    d = sensorlab.diagnose(converted(y), DT, simulator)
+    assert d.verdict == "none"
+    d = sensorlab.diagnose(np.round(y), DT, simulator)    # another converter
+    (one,) = d.found
+    assert one.values["parameter"][0] == "differential_nonlinearity.codes"
+    assert one.values["factor"] == (0.0, 0.0) and d.verdict == "wrong_parameter"
+    assert d.closure.closed > 0.9 and d.after.p_value > 0.01
+    d = sensorlab.diagnose(lfilter([0.3], [1.0, -0.7], y).round(3), DT,
+                           simulator)    # counts of another sensor
+    assert "differential_nonlinearity" not in [r.found.name for r in d.final.readings]
+    assert d.closure.closed > 0.9 and "unknown" not in d.verdict
+
+
 @pytest.mark.parametrize("level", [large(0.0), 0.03])
 def test_a_step_between_counts_coarser_than_the_noise_leaves_nothing(level):
     rng = np.random.default_rng(4)    # of 3, it is as likely gradual

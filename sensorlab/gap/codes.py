@@ -25,18 +25,7 @@ def uneven_codes(y, lsb):
     them: counts are Poisson about it, or about it times widths of a gamma law. Noise
     over few codes must be nearly normal for that.
     """
-    y = y[~np.isnan(y)]
-    smooth_over, noise = noise_where_calm(y) >= SMOOTH_OVER * lsb, 0.0
-    if not smooth_over:
-        noise = _least_noise(y, lsb) / lsb
-        if noise < 1.0 / NOISY:
-            return [], 0.0
-    first, middle, last = np.quantile(y, [FAR, 0.5, 1.0 - FAR], method="nearest")
-    reach = lsb * ((MOST_CODES if smooth_over else FEW_CODES) // 2)
-    near = y[(y >= max(first, middle - reach)) & (y <= min(last, middle + reach))]
-    first = near.min()
-    count = np.bincount(np.round((near - first) / lsb).astype(int))
-    smooth = _smooth_law(count) if smooth_over else _mixed_law(count, noise)
+    first, count, smooth = _counted(y, lsb)
     scale = UNEVEN[:, None]
     gain = (gammaln(scale + count) - gammaln(scale) + scale * np.log(scale)
             - (scale + count) * np.log(scale + smooth) + smooth).sum(1)
@@ -51,6 +40,38 @@ def uneven_codes(y, lsb):
     ends = np.interp(own * below[-1] / own[-1], below, np.arange(len(below)))
     return np.column_stack([first + lsb * np.arange(len(count)),
                             lsb * np.diff(ends)]).tolist(), float(log_bayes)
+
+
+def odds_to_even(y, lsb, codes):
+    """Log odds that a record has codes [value, width], to codes that are all as wide;
+    what they say of codes that it does not meet says nothing.
+    """
+    first, count, smooth = _counted(y, lsb)
+    value, width = np.transpose(codes)
+    at = np.round((value - first) / lsb).astype(int)
+    met, own = (at >= 0) & (at < len(count)), np.ones(len(count))
+    own[at[met]] = width[met] / lsb
+    own *= smooth.sum() / max(own @ smooth, np.finfo(float).tiny)
+    return float(count @ np.log(own))
+
+
+def _counted(y, lsb):
+    """The first of the codes about the median of a record, how often each is met, and
+    is to be expected, were all as wide; none where noise is over too few of them.
+    """
+    y = y[~np.isnan(y)]
+    smooth_over, noise = noise_where_calm(y) >= SMOOTH_OVER * lsb, 0.0
+    if not smooth_over:
+        noise = _least_noise(y, lsb) / lsb
+        if noise < 1.0 / NOISY:
+            return 0.0, np.zeros(0, int), np.zeros(0)
+    first, middle, last = np.quantile(y, [FAR, 0.5, 1.0 - FAR], method="nearest")
+    reach = lsb * ((MOST_CODES if smooth_over else FEW_CODES) // 2)
+    near = y[(y >= max(first, middle - reach)) & (y <= min(last, middle + reach))]
+    first = near.min()
+    count = np.bincount(np.round((near - first) / lsb).astype(int))
+    return first, count, (_smooth_law(count) if smooth_over else
+                          _mixed_law(count, noise))
 
 
 NORMAL = 0.8    # of the standard deviation of the noise, at least, that is normal

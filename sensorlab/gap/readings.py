@@ -8,13 +8,13 @@ from sensorid import brief
 from sensorlab.gap.averages import FEWEST_TAPS, FEWEST_TURNS, averaged_over, undone
 from sensorlab.gap.catalogue import CATALOGUE, taps_of
 from sensorlab.gap.clipping import latent_law, limits_of, unclipped
-from sensorlab.gap.codes import uneven_codes
+from sensorlab.gap.codes import odds_to_even, uneven_codes
 from sensorlab.gap.dropouts import dropouts
 from sensorlab.gap.effects import Found, Scene
 from sensorlab.gap.interpolated import interpolated, on_samples
 from sensorlab.gap.repeats import repeated, stuck_spans
 from sensorlab.gap.values import (
-    COARSE, EXACT, FEWEST, NOISY, lattice, lattice_and_noise, lattice_between,
+    CERTAIN, COARSE, EXACT, FEWEST, NOISY, lattice, lattice_and_noise, lattice_between,
     less_rounding, noise_of, runs, snapped)
 
 
@@ -171,16 +171,22 @@ def compared(scene, own, simulated=None):
                 instead=mine, factor=new.found.values[symbol] / one.values[symbol])
         elif not shown and name == "saturation" and (wider := _beyond(scene, one)):
             seen[name] = wider._replace(instead=mine)
+        elif not shown and name == CODES and (even := _even(scene, one, rounded)):
+            had[name], seen[name] = mine, even._replace(instead=mine, factor=0.0)
         elif not shown and name not in AT_TIMES:
             had[name] = seen[name] = mine
+    counts = seen.get("quantization")
+    if counts and counts.instead and seen.get(CODES) is had.get(CODES):
+        seen.pop(CODES, None)    # they are those of other counts
     return tuple(had.values()), tuple(seen.values())
 
 
+CODES = "differential_nonlinearity"
 AT_TIMES = "stuck", "dropouts"    # what the next record need not show
 ALIKE = 0.02    # relative: two counts or limits that are the same
 WRONG = dict(quantization="lsb", repeated_samples="frequency",
              interpolated_samples="frequency", saturation="limits",
-             moving_average="window")
+             moving_average="window", differential_nonlinearity="codes")
 NONE = dict(    # the values of a reading that does nothing
     quantization=lambda scene: dict(lsb=lattice(scene.y)),
     repeated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi),
@@ -209,6 +215,20 @@ def _would_show(scene, one):
         return FEWEST_TAPS * scene.dt <= one.values["window"] <= (
             scene.duration / FEWEST_TURNS)
     return len(scene.y) * (1.0 - one.values["frequency"] * scene.dt) > 2.0 * FEWEST
+
+
+def _even(scene, one, rounded):
+    """The `Reading` of codes that are all as wide, of the simulator's counts, if the
+    record of a scene has such; or None.
+    """
+    (first, _), (second, _), *_ = codes = one.values["codes"]
+    lsb = second - first
+    if not rounded or not np.isclose(lsb, rounded.found.values["lsb"], rtol=ALIKE):
+        return None
+    log_bayes = -odds_to_even(scene.y, lsb, codes)
+    return Reading(one._replace(values=dict(codes=[[value, lsb] for value, _ in codes])),
+                   log_bayes, np.zeros(len(scene.y), bool), False
+                   ) if log_bayes > CERTAIN else None
 
 
 def _beyond(scene, one):

@@ -153,7 +153,8 @@ def _without_reading(full, acc, one):
         return acc
     readings = tuple(gone.instead if r is gone else r for r in acc.readings
                      if r is not gone or gone.instead)
-    own = fixed(**gone.instead.found.values) if gone.instead else {}
+    own = fixed(**gone.instead.found.values) if gone.instead and (
+        gone.found.effect.model) else {}    # which filters see
     hypotheses = [h._replace(effects=tuple(
         e._replace(values=own or e.values) if e.name == gone.found.name else e
         for e in h.effects if own or e.name != gone.found.name))
