@@ -225,10 +225,10 @@ def _even(scene, one, rounded):
     lsb = second - first
     if not rounded or not np.isclose(lsb, rounded.found.values["lsb"], rtol=ALIKE):
         return None
-    log_bayes = -odds_to_even(scene.y, lsb, codes)
-    return Reading(one._replace(values=dict(codes=[[value, lsb] for value, _ in codes])),
-                   log_bayes, np.zeros(len(scene.y), bool), False
-                   ) if log_bayes > CERTAIN else None
+    even, log_bayes = [[value, lsb] for value, _ in codes], -odds_to_even(
+        scene.y, lsb, codes)
+    return Reading(one._replace(values=dict(codes=even)), log_bayes, np.zeros(
+        len(scene.y), bool), False) if log_bayes > CERTAIN else None
 
 
 def _beyond(scene, one):
