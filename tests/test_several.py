@@ -118,6 +118,20 @@ def test_finished_records_are_found_again(imu):
     assert len(list(pathlib.Path("kept").iterdir())) == 4
 
 
+def test_what_is_undecided_is_told_in_the_table():
+    hypotheses = [
+        sensorid.hypothesis("random_walk", sigma_w=(0.01, 0.1), sigma_v=(0.3, 1.0)),
+        sensorid.hypothesis("markov", tau_m=(100.0, 1000.0), sigma_m=(0.1, 1.0),
+                            sigma_v=(0.3, 1.0))]
+    several = sensorlab.identify_many(
+        [sensorlab.Recording("r", str(k), y, 0.1) for k, y in enumerate(
+            sensorid.simulate(hypotheses, 0.1, 300, 3, seed=1).error)], hypotheses)
+    decided = [row.answer["decision"] is not None for row in several.rows]
+    assert {*decided} == {True, False}
+    *_, table = tables.told(several)
+    assert ["undecided" not in cells[-1] for cells in table.rows] == decided
+
+
 def test_many_records_give_a_table(imu):
     frame = sensorlab.identify_many(["bad.csv", *sensorlab.read_axes("imu.csv")]).frame
     assert [*frame.problem.astype(bool)] == [True] + 6 * [False]

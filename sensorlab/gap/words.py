@@ -304,7 +304,9 @@ def advice(d, unit):
         if one.variant in one.effect.alike and one.share < 0.5:
             continue    # another is as good
         if one.variant and not one.column:
-            yield (f"the form of {one.name} is {one.variant}, probability "
+            which = f" at {number(one.values['onset'][0])} s" if one.effect.begins and (
+                [other.name for other in d.found].count(one.name) > 1) else ""
+            yield (f"the form of {one.name}{which} is {one.variant}, probability "
                    f"{one.share:.2f}")
         elif one.variant:
             yield (f"{one.name} is that with the {one.variant} of {one.column}, "

@@ -149,4 +149,5 @@ def _identified_cells(row):
                        for q in a["quoted"])
     return (best["name"], f"{best['probability']:.3f}",
             (quotes or _values(best["parameters"], row.unit))
+            + "; undecided" * (a["decision"] is None)
             + "; does not describe the record" * (not a["described"]))
