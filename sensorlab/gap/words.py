@@ -115,9 +115,10 @@ def gap_sentence(d):
 def shown_by_both(d):
     """What is no gap, though the simulator lacks it."""
     for one in d.shared:
-        at = one.values.get("frequency") if one.effect.columns else None
-        yield (f"{one.name} {f'of {number(at)} Hz ' * bool(at)}is no gap: the "
-               "simulator's own records show one like it")
+        at = f" of {number(one.values['frequency'])} Hz" if one.effect.columns and (
+            "frequency" in one.values) else ""
+        yield (f"{one.name}{at} is no gap: the simulator's own records show one like "
+               "it")
 
 
 def with_found(d):
