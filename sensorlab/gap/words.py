@@ -380,7 +380,9 @@ def told(d, record, unit):
     """The diagnosis as sentences and tables, in order."""
     yield f"{record.heading}; beside it: {', '.join(record.columns) or 'nothing'}" + (
         f" (not used: {'; '.join(record.left_out)})" if record.left_out else "")
-    yield f"verdict: {d.verdict}" + (
+    wrong = [one.values["parameter"][0] for one in d.found
+             if "parameter" in one.values and one.name in names_in(d.verdict)]
+    yield f"verdict: {d.verdict}" + f" ({', '.join(wrong)})" * bool(wrong) + (
         ", alone or with another effect" if d.causes[0].probability < SURE
         and d.verdict != "undecided" else "")
     yield gap_sentence(d)
