@@ -116,7 +116,6 @@ def _probabilities(acc, rivals, among=1):
     first = not (acc.signatures or acc.readings or len(acc.member.effects) > len(
         acc.bases[acc.best].effects))
     alone = PRIOR_NONE if first else PRIOR_LAST
-    prior = np.log((1.0 - alone) / alone / max(len(rivals), among))
     weight, number = np.ones(len(rivals)), {
         (rival.effect.name, rival.at): k for k, rival in enumerate(rivals)}
     for k, rival in enumerate(rivals):
@@ -126,6 +125,7 @@ def _probabilities(acc, rivals, among=1):
         if rival.variant in rival.effect.alike:
             weight[k] /= sum(one.effect is rival.effect and one.at == rival.at
                              and one.variant in rival.effect.alike for one in rivals)
+    prior = np.log((1.0 - alone) / alone / max(weight.sum(), among))
     share = probabilities([0.0, *(prior + np.log(own) + rival.log_bayes
                                   for own, rival in zip(weight, rivals))])
     return prior, share[0], share[1:]
