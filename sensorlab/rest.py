@@ -48,7 +48,7 @@ def at_rest(error, dt):
 def _moved(x, dt):
     """Samples (N,) of a record within a second of a motion."""
     half = max(round(SECOND / dt), FEWEST) // 2    # a window overlaps the next by half
-    blocks = np.resize(x, (len(x) // half, half))
+    blocks = np.resize(np.where(np.isinf(x), np.nan, x), (len(x) // half, half))
     windows = np.hstack([blocks[:-1], blocks[1:]])
     windows.sort(axis=1)    # what is missing comes last
     known = (~np.isnan(windows)).sum(1)

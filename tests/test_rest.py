@@ -49,6 +49,7 @@ def test_axes_are_moved_together(noise):
     lambda t, y: y * (1.0 + 9.0 * (t > 90.0)), lambda t, y: np.round(y / 6) + 0.0,
     lambda t, y: y + 30.0 * (np.sin(t) > 0), lambda t, y: np.full(N, 3.0),
     lambda t, y: np.where(t < 100.0, np.nan, y),
+    lambda t, y: np.where(t < 9.0, np.inf, y),
     lambda t, y: np.where(np.arange(N) % 3, -9999.0 * (np.arange(N) % 1000 == 5), y)])
 def test_errors_of_a_sensor_are_no_motion(noise, error):
     y = error(np.arange(N) / RATE, noise)

@@ -114,9 +114,9 @@ def _stops_short(apart, lsb):
         return False
     last = apart[:TELLING][-len(left):]
     away = (last - left)[last < 0.5 * lsb] / noise
-    on, beyond = ndtr(0.5 * lsb / noise - away), ndtr(-lsb / noise - away)
-    return -np.log1p(-beyond / on).sum() > ABRUPT and _holds_more(
-        apart / lsb, np.mean(beyond / (on - beyond)))
+    beyond = np.exp(log_ndtr(-lsb / noise - away) - log_ndtr(0.5 * lsb / noise - away))
+    return -np.log1p(-beyond).sum() > ABRUPT and _holds_more(
+        apart / lsb, np.mean(beyond / (1.0 - beyond)))
 
 
 APART = 5.0    # standard deviations of the noise: what is farther out was never clipped

@@ -205,8 +205,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     say("integrating the error, foretelling the end of the record", 2)
     return Diagnosis(
         full, verdict, causes, known, shared, base, final, by.found, by.parts, before,
-        after,
-        by.closure, by.directed, closed_by_any(before), by.rest,
+        after, by.closure, by.directed, closed_by_any(before), by.rest,
         drift(full, [in_place(as_simulated(acc, full, gap.theta), acc, full)
                      for acc, gap in ((base, before), (final, after))], seed),
         float((final.log_evidence - start.log_evidence) / seen),
