@@ -122,8 +122,11 @@ def _write(folder, options, d, record, simulator):
 
 def _say_axes(records):
     """Which columns are not taken as covariates, once."""
-    axes = dict.fromkeys(name for record in records if not isinstance(record, Unread)
-                         for name in record.axes)
+    found = [record for record in records if not isinstance(record, Unread)]
+    axes = {name for record in found for name in record.axes}
+    axes = [name for name in dict.fromkeys(
+        name for record in found for name in (record.column, *record.axes))
+        if name in axes]    # in the order of the file
     if axes:
         print(f"other axes are no covariates of an axis ({', '.join(axes)}): "
               "--covariates takes them")
