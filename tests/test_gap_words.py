@@ -1,6 +1,7 @@
 """What is said of a diagnosis, and how numbers are written."""
 
 import doctest
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import sensorid
 import sensorlab
 from sensorlab import Found, tables
 from sensorlab.gap import sizes, words
+from sensorlab.gap.causes import UNKNOWN, Cause
 from sensorlab.gap.closure import Closure
 
 CATALOGUE = sensorlab.CATALOGUE
@@ -71,6 +73,22 @@ def test_sizes_of_two_effects_of_one_name_are_both_said():
     assert sizes.sizes([again], "mg", DT) == "frequency 70 Hz, at random"
     codes = found("differential_nonlinearity", codes=([[3.0, 1.5], [4.0, 0.5]], 0.0))
     assert sizes.sizes([codes], "mg", DT) == "codes 2 of width 0.5 to 1.5 mg"
+
+
+def test_a_cause_has_the_sizes_that_were_estimated_together():
+    first, last = (found("sinusoid", frequency=(f, 0.001)) for f in (0.1, 0.11))
+    step = found("bias_step", onset=(80.0, 2.0), size=(0.5, 0.1))
+    d = SimpleNamespace(found=(last,), scene=SimpleNamespace(dt=DT))
+
+    def said(*some):
+        return words.sizes_in(Cause(some, 0.5, 1.0), d, "u")
+    assert said(first) == said(first, Found(UNKNOWN)) == "frequency 0.11 +- 0.001 Hz"
+    assert said(first, step) == "bias_step: onset 80 +- 2 s, size 0.5 +- 0.1 u"
+    assert said(step) == "onset 80 +- 2 s, size 0.5 +- 0.1 u"
+    off = found("wrong_parameter", parameter=("sigma_v", 0.0), factor=(2.0, 0.1))
+    d.found = off,
+    assert "sigma_w" in said(off._replace(values=dict(
+        parameter=("sigma_w", 0.0), factor=(3.0, 0.2)))) and not said()
 
 
 def test_a_wrong_factor_is_recognised():

@@ -155,10 +155,22 @@ def causes_table(d, unit):
     """Every cause with its probability and its sizes."""
     return Table(
         ("cause", "probability", "odds to none", "size"), tuple(
-            (cause_name(c), f"{c.probability:.3f}",
-             odds_to_none(c),
-             sizes(c.found, unit, d.scene.dt))
-            for c in shown_causes(d)), (1, 2))
+            (cause_name(c), f"{c.probability:.3f}", odds_to_none(c),
+             sizes_in(c, d, unit)) for c in shown_causes(d)), (1, 2))
+
+
+def sizes_in(c, d, unit):
+    """Sizes of the effects of a cause: as they were found, or of what it has beside
+    these alone, for they had other sizes before all were estimated together.
+    """
+    def kind(one):
+        return one.name, one.column, one.variant, one.values.get("parameter")
+    own, found = [one for one in c.found if one.values], list(map(kind, d.found))
+    if sorted(map(str, map(kind, own))) == sorted(map(str, found)):
+        return sizes(d.found, unit, d.scene.dt)
+    other = [one for one in own if kind(one) not in found]
+    text = sizes(other, unit, d.scene.dt)
+    return f"{other[0].name}: {text}" if len(other) == 1 < len(own) else text
 
 
 def outstanding(gap):

@@ -163,7 +163,7 @@ def _found(d, unit):
 def _causes(d, unit):
     """What is said of every cause beside its bar."""
     return [dict(name=words.cause_name(c), probability=c.probability,
-                 odds=words.odds_to_none(c), size=sizes(c.found, unit, d.scene.dt))
+                 odds=words.odds_to_none(c), size=words.sizes_in(c, d, unit))
             for c in words.shown_causes(d)]
 
 
