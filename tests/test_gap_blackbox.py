@@ -60,7 +60,7 @@ def vibrating(rng, n, frequency=1.3, amplitude=0.6):
         2.0 * np.pi * frequency * t + rng.uniform(0.0, 6.0))
 
 
-@pytest.mark.parametrize("seed", [1003, 1004, large(1001), large(1006)])
+@pytest.mark.parametrize("seed", [1003, large(1004), large(1001), large(1006)])
 def test_a_line_is_known_no_better_than_a_short_record_tells(seed):
     rng = np.random.default_rng(seed)
     theirs, y = vibrating(rng, 500), vibrating(rng, 2500)

@@ -84,7 +84,7 @@ def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
         assert_allclose(seen, high)
 
 
-@pytest.mark.parametrize("lsb, share", [(0.4, 0.1), (0.6, 0.1), large(0.25, 0.03)])
+@pytest.mark.parametrize("lsb, share", [(0.4, 0.1), large(0.6, 0.1), large(0.25, 0.03)])
 def test_a_limit_shows_where_a_walk_wanders_beyond(lsb, share):
     """Which codes next to the last one are met most hangs on where it was for long."""
     found = 0

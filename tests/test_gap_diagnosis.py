@@ -323,12 +323,12 @@ LATE, TURN = np.linspace(0.0, 1.0, 1500), np.sin(np.linspace(0.0, 9.0, 1500))
 
 @pytest.mark.parametrize("name, form, times", [
     ("noise_ramp", "as simulated at first", 2.0**LATE),
-    ("noise_ramp", "as simulated in the middle", 2.0**(LATE - 0.5)),
-    ("noise_ramp", "as simulated at last", 2.0**(1.0 - LATE)),
-    ("noise_step", "after the onset", np.where(LATE > 0.7, 2.0, 1.0)),
+    large("noise_ramp", "as simulated in the middle", 2.0**(LATE - 0.5)),
+    large("noise_ramp", "as simulated at last", 2.0**(1.0 - LATE)),
+    large("noise_step", "after the onset", np.where(LATE > 0.7, 2.0, 1.0)),
     ("noise_step", "before the onset", np.where(LATE < 0.3, 2.0, 1.0)),
     ("noise_sensitivity", "value above its least", 1.4**(1.0 + TURN)),
-    ("noise_sensitivity", "value below its most", 1.4**(1.0 - TURN))])
+    large("noise_sensitivity", "value below its most", 1.4**(1.0 - TURN))])
 def test_where_a_known_noise_is_right_says_how_it_changes(name, form, times):
     y = times * np.random.default_rng(6).standard_normal(1500)
     d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis("white_noise", sigma_v=1.0)],
