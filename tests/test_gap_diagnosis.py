@@ -335,6 +335,9 @@ def test_where_a_known_noise_is_right_says_how_it_changes(name, form, times):
                            dict(temperature=TURN) if "sens" in name else {})
     assert d.verdict == name and d.found[0].variant == form
     assert d.found[0].share > 0.9 and d.causes[0].probability > 0.8
+    (known,), (mean, _) = sensorlab.augmented(d).effects[0], d.found[0].values["ratio"]
+    assert np.abs(np.log([known.values["ratio"].low, known.values["ratio"].high])
+                  ).max() > abs(np.log(mean))    # as well as it is known
 
 
 def test_a_simulator_whose_low_passed_noise_changes_twice_is_refused():

@@ -87,12 +87,12 @@ ANY_PHASE = Parameter("phase", -np.pi, np.pi)
 
 def _there_or_not(one):
     """What happened in a record at some time, as another record has it: of any size up
-    to its own, or a noise that changes by any ratio up to its own.
+    to its own, or a noise that changes by any ratio up to its own, as that is known.
     """
     if one.effect.drive and not one.column:
-        ratio = one.values["ratio"].mean
+        ratio = one.values["ratio"]
         return one._replace(values={**one.values, "ratio": Parameter(
-            "ratio", min(ratio, 1.0), max(ratio, 1.0), True)})
+            "ratio", min(ratio.low, 1.0), max(ratio.high, 1.0), True)})
     if not one.effect.begins:
         return one
     symbol = one.effect.size
