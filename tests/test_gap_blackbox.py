@@ -85,7 +85,7 @@ def test_a_line_that_moved_is_no_gap_and_is_told_of():
     d = sensorlab.diagnose(y, 0.1, simulator, simulated=theirs[None])
     assert d.verdict == "none" and d.before.p_value > 0.01 and not d.found
     (line,) = d.shared
-    assert line.name == "sinusoid" and abs(line.values["frequency"] - 1.3) < 0.002
+    assert line.name == "sinusoid" and abs(line.values["frequency"][0] - 1.3) < 0.002
     y[600:] += 1.5
     d = sensorlab.diagnose(y, 0.1, simulator, simulated=theirs[None])
     assert d.verdict == "bias_step" and d.closure.closed > 0.9

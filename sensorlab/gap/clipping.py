@@ -43,12 +43,12 @@ def limits_of(y, lsb, noise):
         others = seen[seen != end]
         full = not lsb and count >= least and np.sum(np.diff(at_end)) > 3 and (
             2 * len(np.unique(others)) > len(others))
+        apart = np.abs(end - seen)
         full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
             lsb > 0.0 and count >= least and (
-                lsb >= COARSE * noise and _piles_up(np.abs(end - seen) / lsb)
-                or (_ends_abruptly(np.abs(end - seen), lsb)
-                    or _stops_short(np.abs(end - seen), lsb))
-                and not uneven_codes(seen[seen != end], lsb)[0]))
+                lsb >= COARSE * noise and _piles_up(apart / lsb)
+                or _lacks_more(apart, lsb)
+                and not uneven_codes(others, lsb)[0]))
         full = full and _is_near(end, seen, lsb)
         limits.append(float(end) if full else sign * np.inf)
         clipped |= at_end & full
@@ -59,7 +59,17 @@ ABRUPT = 14.0        # nats, by which a record is unlikely to end as it does
 SPAN = 8.0           # standard deviations that a noise has
 
 
-def _ends_abruptly(apart, lsb):
+def _lacks_more(apart, lsb):
+    """Ought there to be samples beyond the last code of a lattice? Samples are `apart`
+    (N,) from it.
+    """
+    left = unpredicted(apart[:TELLING])
+    noise = 0.0 if left is None else less_rounding(np.std(left), lsb)
+    return bool(noise) and (_ends_abruptly(apart, lsb, noise)
+                            or _stops_short(apart, lsb, noise, left))
+
+
+def _ends_abruptly(apart, lsb, noise):
     """Are there so many samples on the last code of a lattice that there ought to be
     others beyond? Samples are `apart` (N,) from it.
 
@@ -71,13 +81,9 @@ def _ends_abruptly(apart, lsb):
     expected there. Those others must be on it, too: a record that is folded, or begins
     again at its other end, ends as abruptly.
     """
-    left = unpredicted(apart[:TELLING])
-    if left is None:
-        return False
-    noise = less_rounding(np.std(left), lsb)
     on = apart < 0.5 * lsb
     count = on[0] + np.sum(on[1:] & ~on[:-1])    # what is slow rests there
-    if not noise or not count:
+    if not count:
         return False
     x = lsb / noise * (np.arange(1, int(SPAN * noise / lsb) + 2) + 0.5)
     above = -ndtri(0.5 * count / len(apart))
@@ -97,19 +103,15 @@ def _holds_more(apart, beyond):
 FINE = 2.0    # times the noise, at most, is a code where it does not hide what is slow
 
 
-def _stops_short(apart, lsb):
+def _stops_short(apart, lsb, noise, left):
     """Do samples on the last code of a lattice, by what is foretold of each, belong
-    beyond? Samples are `apart` (N,) from it.
+    beyond? Samples are `apart` (N,) from it, of which those before leave `left`.
 
     Where the noise is normal, of standard deviation s about what those before foretell,
     a sample that is on the code or beyond is beyond with a known probability p: that
     none of those is there has that of the product of 1 - p. A code may be half as wide
     again.
     """
-    left = unpredicted(apart[:TELLING])
-    if left is None:
-        return False
-    noise = less_rounding(np.std(left), lsb)
     if lsb > FINE * noise:
         return False
     last = apart[:TELLING][-len(left):]

@@ -172,12 +172,12 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
             return search(full, acc, path, effects, before, glanced, own, least=least)
         return beside_steps(full, again(effects), again, effects)
     by = described(sought(start, found, effects))
-    shared, lacking = (), base
-    if by.search.shared:
+    shared = by.search.shared
+    if shared:
         base, start = (reduced(full, by.search, names)[0]
                        for names in ([], [one.name for one in found.found]))
         before = glanced(base) if by.found else by.search.after
-        by, shared = described(by.search), _beyond(base, lacking)
+        by = described(by.search)
     if before.p_value >= by.search.after.p_value:    # what is unknown hangs on it
         nothing = by.search.after is before
         before = unshared(_surely(full, base, trials, seed, near=alone))
@@ -214,13 +214,6 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
         else None, tuple(bias_beside(simulator, known, acc, full)
                          for acc in (base, final)),
         needed_duration(causes, full) if verdict == "undecided" else np.nan)
-
-
-def _beyond(acc, less):
-    """Effects of an account that another does not have."""
-    own = [s.found for s in less.signatures], [one.key for one in less.member.effects]
-    return (*(s.found for s in acc.signatures if s.found not in own[0]),
-            *(one for one in acc.member.effects if one.key not in own[1]))
 
 
 class _Described(NamedTuple):

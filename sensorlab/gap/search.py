@@ -48,7 +48,7 @@ class Search(NamedTuple):
     left: float       # ln B of the best that is not added; 0 if nothing is for it
     other: object = None    # `Search` for what happens at some time alone, if steps at
                             # random were the best, but few, and it did not go on there
-    shared: bool = False    # has the account what the simulator's records show, too?
+    shared: tuple = ()    # of Found: what the account has as the simulator's records do
 
     __repr__ = brief
 
@@ -68,7 +68,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
     scene, acc, path = as_read(full, start.readings), start, readings
     coarse = any(r.coarse for r in start.readings)
     noises, doubtful, exchanges, left, settled = 0, 0, 0, 0.0, 1
-    leaves, after, lesser, other, shared = {}, before, {}, None, False
+    leaves, after, lesser, other, shared = {}, before, {}, None, ()
     asked = twins or any(one.effect.search == "onset" for one in path.found)
     if path.found:
         after = glanced(acc)
@@ -123,7 +123,7 @@ def search(full, start, readings, effects, before, glanced, twins=None, among=1,
             leaves = {**others, **{key: c for key, c in leaves.items()
                                    if len(c.found) > len(path.found)}}
             acc, path, lesser = look.account, scaled(path, 1.0 - missing, 0.0), {}
-            shared = True
+            shared = *shared, best.found[0]
             if best.found[0].effect.columns:    # those of the simulator come first
                 acc = acc._replace(signatures=(acc.signatures[-1],
                                                *acc.signatures[:-1]))

@@ -115,7 +115,7 @@ def gap_sentence(d):
 def shown_by_both(d):
     """What is no gap, though the simulator lacks it."""
     for one in d.shared:
-        at = f" of {number(one.values['frequency'])} Hz" if one.effect.columns and (
+        at = f" of {number(one.values['frequency'][0])} Hz" if one.effect.columns and (
             "frequency" in one.values) else ""
         yield (f"{one.name}{at} is no gap: the simulator's own records show one like "
                "it")
