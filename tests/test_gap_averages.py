@@ -10,7 +10,7 @@ import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import readings
-from sensorlab.gap.averages import averaged_over, undone
+from sensorlab.gap.averages import Average, averaged_over, undone
 
 SIMULATOR = [sensorid.hypothesis("random_walk", sigma_w=(0.005, 0.05),
                                  sigma_v=(0.5, 2.0))]
@@ -47,10 +47,41 @@ def test_an_average_is_undone_but_for_a_pattern(n):
 def test_an_average_is_seen(n):
     y = mean_of(raw(n, 4000 + n), n)
     for own in y, 1e6 + 1e-3 * y, np.round(y, 3 + (n > 50)):
-        assert averaged_over(own)[0] == n
-    assert averaged_over(np.round(y, 1))[0] == 0    # too few digits to undo it
+        assert averaged_over(own).taps == n
     y[[700, 701]] = np.nan
-    assert averaged_over(y)[0] == (n if n <= 3299 // 40 else 0)
+    assert averaged_over(y).taps == (n if n <= 3299 // 40 else 0)
+
+
+@pytest.mark.parametrize("n, counts", [
+    (n, counts) for n in (3, 4, 8, 16, 32)
+    for counts in (0.02, 0.2, 16.0 / (n + 16.0))])
+def test_an_average_that_was_rounded_is_seen(n, counts):
+    lsb = counts / np.sqrt(n)
+    for seed in range(3):
+        y = lsb * np.round(mean_of(raw(seed, 4000 + n), n) / lsb)
+        found = averaged_over(y)
+        assert found.taps == n
+        assert found.counts == pytest.approx(counts, rel=0.1)
+
+
+@pytest.mark.parametrize("n, counts", [(4, 1.0), (8, 0.2), (8, 1.0), (16, 0.5)])
+def test_what_is_undone_of_a_rounded_average_is_white(n, counts):
+    """Its spectrum is that of white noise, and of what rounding adds to it."""
+    lsb, v = counts / np.sqrt(n), np.random.default_rng(n).standard_normal((40, 4000))
+    y = lsb * np.round(np.array([mean_of(one, n) for one in v]) / lsb)
+    own = undone(y, n, counts)
+    assert np.isnan(own).sum() == 40 * n
+    f, power = signal.welch(own[:, n:], nperseg=256)
+    level = power.mean(0)[2:-1] / 2.0
+    expected = 1.0 + lsb**2 / 12.0
+    assert_allclose(level, expected, rtol=0.12)    # of 40 * 30 segments: 3 %
+    assert level.mean() == pytest.approx(expected, rel=0.02)
+
+
+def test_what_is_slow_keeps_its_size_where_a_rounded_average_is_undone():
+    y = mean_of(0.01 * np.arange(2000.0), 8)
+    own = undone(y, 8, 0.5)
+    assert_allclose(np.diff(own[400:]), 0.01, atol=1e-6)
 
 
 @pytest.mark.parametrize("filtered", [
@@ -59,17 +90,18 @@ def test_an_average_is_seen(n):
 def test_other_filters_are_no_average(filtered):
     for seed in range(5):
         y = signal.lfilter(*filtered, raw(seed))[99:]
-        assert averaged_over(y) == (0, 0.0)
+        assert averaged_over(y) == Average()
 
 
 def test_what_is_held_or_interpolated_is_no_average():
     """Their spectra have the same zeros."""
     y = raw(0)
-    assert averaged_over(np.repeat(y[:600], 5)) == (0, 0.0)
-    assert averaged_over(np.interp(np.arange(N) / 5.0, np.arange(N), y[:N])) == (0, 0.0)
+    between = np.interp(np.arange(N) / 5.0, np.arange(N), y[:N])
     line = np.sin(0.4 * np.pi * np.arange(N)) + 0.1 * y[:N]
-    assert averaged_over(line) == (0, 0.0)
-    assert averaged_over(y[:70]) == (0, 0.0)
+    for own in np.repeat(y[:600], 5), between, line, y[:70]:
+        assert averaged_over(own) == Average()
+        for lsb in (0.01, 0.1, 0.3):
+            assert averaged_over(lsb * np.round(own / lsb)) == Average()
 
 
 def test_the_reading_is_the_mean_of_a_window_that_ends_with_the_sample():
@@ -104,12 +136,36 @@ def test_what_went_through_an_average_is_named_beside_it(effect, n):
         assert abs(values["bias_step"]["onset"][0] - 12.0 + 0.01 * (99 - n + 1)) < 0.2
 
 
+@pytest.mark.parametrize("effect, n", [("none", 8), *(large(effect, n) for effect in (
+    "bias_step", "sinusoid", "random_telegraph", "noise_step") for n in (4, 16))])
+def test_what_went_through_an_average_that_was_rounded_is_named(effect, n):
+    rng, y = np.random.default_rng(n), raw(7)
+    t = DT * np.arange(len(y))
+    y += dict(none=0.0, bias_step=2.0 * (t > 12.0),
+              sinusoid=0.4 * np.sin(2.0 * np.pi * 7.3 * t),
+              random_telegraph=3.0 * (np.cumsum(rng.random(len(y)) < 1.0 / 150.0) % 2),
+              noise_step=1.2 * (t > 14.0) * rng.standard_normal(len(y)))[effect]
+    lsb = 0.7 / np.sqrt(n)
+    d = sensorlab.diagnose(lsb * np.round(mean_of(y, n)[-N:] / lsb), DT, SIMULATOR)
+    assert set(d.verdict.split("+")) == {"moving_average", "quantization", effect} - {
+        "none"}
+    values = {one.name: one.values for one in d.found}
+    assert values["moving_average"]["window"][0] == pytest.approx(n * DT)
+    assert values["quantization"]["lsb"][0] == pytest.approx(lsb)
+    assert d.closure.closed > 0.98
+
+
+@pytest.mark.parametrize("counts", [0.0, 0.1])
 @pytest.mark.parametrize("n, verdict, factor", [
     (5, "none", None), (8, "wrong_parameter", 1.6), (1, "wrong_parameter", 0.2)])
-def test_an_average_of_the_simulator_is_held_against_a_record(n, verdict, factor):
-    first = sensorlab.diagnose(mean_of(raw(1), 5)[-N:], DT, SIMULATOR)
+def test_an_average_of_the_simulator_is_held_against_a_record(
+        n, verdict, factor, counts):
+    def record(seed, n):
+        y = mean_of(raw(seed), n)[-N:]
+        return counts * np.round(y / counts) if counts else y
+    first = sensorlab.diagnose(record(1, 5), DT, SIMULATOR)
     simulator = sensorlab.augmented(first)
-    d = sensorlab.diagnose(mean_of(raw(2), n)[-N:], DT, simulator)
+    d = sensorlab.diagnose(record(2, n), DT, simulator)
     assert d.verdict == verdict
     if factor:
         values = d.found[0].values

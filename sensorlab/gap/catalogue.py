@@ -70,6 +70,9 @@ def _average(scene, y, window):
     y[:] = uniform_filter1d(y, taps, mode="nearest", origin=(taps - 1) // 2)
 
 
+ROUNDED = "before the rounding"    # means are rounded, not what they are of
+
+
 def taps_of(scene, window):
     """Samples in a window, at least one."""
     return max(round(window / scene.dt), 1)
@@ -461,6 +464,7 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="look for resampling, or for gaps that were filled, in what "
                       "wrote the file; take the samples as they came"),
     Effect("moving_average", reading=_average, comes_last=True,
+           variants=("", ROUNDED),
            equation="the mean of y over a window that ends with the sample; window in "
                     "s, whole sampling intervals",
            resembles="bandwidth",

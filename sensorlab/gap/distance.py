@@ -200,10 +200,11 @@ def _setting(scene, acc, first):
         fitted = scene._replace(y=np.where(np.arange(len(scene.y)) < first, own[0],
                                            np.nan))
     lsb, noise = lattice_and_noise(scene.y + scene.known)
-    # of an average, what was rounded before it has fine digits, too
-    averaged = any(r.is_average for r in acc.readings)
+    for r in acc.readings:
+        if r.is_average:    # of it, what was rounded before has fine digits, too
+            lsb, noise = np.inf, r.noise_of_rounded(scene, own[0])
     return _Setting(scene, acc, first, own, fitted, late,
-                    lsb if lsb <= COARSE * noise and not averaged else 0.0,
+                    lsb if lsb <= COARSE * noise else 0.0,
                     any(misleads(r, noise) for r in acc.readings))
 
 

@@ -41,9 +41,9 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
                     for symbol, p in one.values.items()})
     for number, (_, effects) in enumerate(simulator.pairs):
         # a converter has its codes before these are rounded to whole ones, and all is
-        # read before it is averaged, or interpolated
+        # read before it is interpolated, or averaged, but for a mean that is rounded
         readings = sorted((one for one in effects if one.effect.reading),
-                          key=lambda one: (one.effect.comes_last,
+                          key=lambda one: (not one.variant, one.effect.comes_last,
                                            "codes" not in one.values))
         if not readings:
             continue

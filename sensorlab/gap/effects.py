@@ -121,7 +121,7 @@ class Effect(NamedTuple):
     model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
                                 # takes the variant, where there are variants, and x,
                                 # where it is relative to something
-    variants: tuple = ()        # forms of a model; "" is the first
+    variants: tuple = ()        # forms of a model, or a reading; "" is the first
     of_all: tuple = ()          # pairs of one that acts on all processes, found before
                                 # or since, and of the same on the white noise alone
     alike: tuple = ()           # forms that are one a priori, as they are the same of

@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief
-from sensorlab.gap.averages import FEWEST_TAPS, FEWEST_TURNS, averaged_over, undone
-from sensorlab.gap.catalogue import CATALOGUE, taps_of
+from sensorlab.gap.averages import (
+    FEWEST_TAPS, FEWEST_TURNS, Average, averaged_over, undone)
+from sensorlab.gap.catalogue import CATALOGUE, ROUNDED, taps_of
 from sensorlab.gap.clipping import latent_law, limits_of, unclipped
 from sensorlab.gap.codes import odds_to_even, uneven_codes
 from sensorlab.gap.dropouts import dropouts
@@ -27,6 +28,7 @@ class Reading(NamedTuple):
     opaque: bool         # it hides what else there may be
     coarse: bool = False    # it adds no white noise, but what hangs on the value
     moved: bool = False  # something was added to the record after it was rounded
+    counts: float = 0.0  # that an average was rounded to, as `averages.Average` has it
     instead: "Reading" = None    # of the simulator's own, whose value is wrong
     factor: float = 1.0          # by which it is
 
@@ -41,6 +43,13 @@ class Reading(NamedTuple):
     def is_average(self):
         """Is it a moving average?"""
         return "window" in self.found.values
+
+    def noise_of_rounded(self, scene, raw):
+        """Of an average that is undone to a raw record (N,), the standard deviation of
+        the noise of what is rounded: of it, or of means.
+        """
+        each = taps_of(scene, **self.found.values) if self.found.variant else 1
+        return noise_of(raw, 0.0) / np.sqrt(each)
 
     @property
     def beyond(self):
@@ -81,12 +90,9 @@ def readings(scene):
         seen.append(_shown_by(lost.own, "dropouts", value=lost.value, spans=spans))
         y = np.where(lost.own, np.nan, y)
     between = interpolated(y)
-    taps, log_bayes = averaged_over(y) if not between.every else (0, 0.0)
-    if taps:    # of what was read before it, no value but the counts shows anything
-        average = Reading(_found("moving_average", window=taps * scene.dt), log_bayes,
-                          np.zeros(N, bool), False)
-        lsb, y = taps * lattice(y), undone(y, taps)
-        return (*seen, average, *_rounded(y, lsb, noise_of(y, lsb)))
+    average = averaged_over(y) if not between.every else Average()
+    if average.taps:    # of what was read before it, no value but the counts shows any
+        return (*seen, *_averaged(scene, y, average))
     repeats = repeated(y)
     for name, rest, more in (("repeated_samples", repeats, {}), (
             "interpolated_samples", between, dict(order=between.order))):
@@ -115,6 +121,21 @@ def readings(scene):
             seen.append(Reading(_found("differential_nonlinearity", codes=codes),
                                 log_bayes, np.zeros(N, bool), False))
     return tuple(seen)
+
+
+def _averaged(scene, y, average):
+    """The `Reading` of an average, and of the counts before it or behind it."""
+    taps, lsb = average.taps, lattice(y)
+    found = _found("moving_average", window=taps * scene.dt)
+    shown = Reading(found, average.log_bayes, np.zeros(len(y), bool), False,
+                    counts=average.counts)
+    if not average.counts:
+        raw = undone(y, taps)
+        return (shown, *_rounded(raw, taps * lsb, noise_of(raw, taps * lsb)))
+    counts = _rounded(y, lsb, noise_of(y, lsb, taps))
+    if counts:
+        shown = shown._replace(found=found._replace(variant=ROUNDED))
+    return (shown, *counts)
 
 
 def _shown_by(masked, name, **values):
@@ -362,5 +383,5 @@ def without_readings(scene, y, seen):
             y[:, one.masked] = np.nan
     for one in seen:
         if one.is_average:
-            y = undone(y, taps_of(scene, **one.found.values))
+            y = undone(y, taps_of(scene, **one.found.values), one.counts)
     return y

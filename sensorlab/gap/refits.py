@@ -92,7 +92,8 @@ def in_best_forms(full, acc, found):
     beside all that is found now: while outliers are not known, they fill the band that
     a low-pass stops, and hide its form. Of a long record the head tells which it is.
     """
-    in_forms = [n for n, one in enumerate(found) if one.effect.variants]
+    in_forms = [n for n, one in enumerate(found)
+                if one.effect.model and one.effect.variants]
     if not in_forms:
         return acc
     scene = as_read(full, acc.readings)

@@ -316,7 +316,9 @@ def advice(d, unit):
     for one in d.found:
         if one.variant in one.effect.alike and one.share < 0.5:
             continue    # another is as good
-        if one.variant and not one.column:
+        if one.variant and one.effect.reading:
+            yield f"{one.name} is {one.variant} to counts"
+        elif one.variant and not one.column:
             which = f" at {number(one.values['onset'][0])} s" if one.effect.begins and (
                 [other.name for other in d.found].count(one.name) > 1) else ""
             yield (f"the form of {one.name}{which} is {one.variant}, probability "
