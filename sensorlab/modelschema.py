@@ -37,7 +37,7 @@ READINGS = dict(
     frequency=dict(type="number", **POSITIVE),
     window=dict(type="number", **POSITIVE),
     phase=dict(type=["number", "null"], **NOT_NEGATIVE),
-    order=dict(enum=[1, 3]),
+    order=dict(enum=[1, 3]), times=dict(enum=[1, 2]),
     value=dict(type="number"),
     limits=dict(type="array", items=END, minItems=2, maxItems=2),
     codes=dict(type="array", minItems=2, items=dict(
@@ -132,7 +132,8 @@ def _of_effect(effect):
         taken = inspect.signature(effect.reading).parameters
         parameters = {symbol: rule for symbol, rule in READINGS.items()
                       if symbol in taken}
-        needed = list(parameters)
+        needed = [symbol for symbol in parameters
+                  if taken[symbol].default is inspect.Parameter.empty]
     else:
         needed = [p.symbol for p in effect.parameters(scene)]
         needed += [effect.size] if effect.columns else []

@@ -10,7 +10,8 @@ import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import readings
-from sensorlab.gap.averages import Average, averaged_over, undone
+from sensorlab.gap.averages import Average, averaged_over
+from sensorlab.gap.unaveraged import undone
 
 SIMULATOR = [sensorid.hypothesis("random_walk", sigma_w=(0.005, 0.05),
                                  sigma_v=(0.5, 2.0))]
@@ -64,15 +65,33 @@ def test_an_average_that_was_rounded_is_seen(n, counts):
         assert found.counts == pytest.approx(counts, rel=0.1)
 
 
-@pytest.mark.parametrize("n, counts", [(4, 1.0), (8, 0.2), (8, 1.0), (16, 0.5)])
-def test_what_is_undone_of_a_rounded_average_is_white(n, counts):
+@pytest.mark.parametrize("n, counts", [
+    (3, 0.0), (3, 0.2), (5, 0.02), (8, 0.2), (16, 0.0), (16, 0.1)])
+def test_an_average_of_averages_is_seen(n, counts):
+    """A triangular window, as signal.windows has it."""
+    window = signal.windows.triang(2 * n - 1)
+    window /= window.sum()
+    for seed in range(3):
+        y = np.convolve(raw(seed, 4000 + 2 * n), window, "valid")
+        lsb = counts * np.linalg.norm(window)
+        found = averaged_over(lsb * np.round(y / lsb) if lsb else y)
+        assert (found.taps, found.times) == (n, 2)
+        assert found.counts == pytest.approx(counts, rel=0.1)
+
+
+@pytest.mark.parametrize("n, times, counts", [
+    (4, 1, 1.0), (8, 1, 0.2), (8, 1, 1.0), (16, 1, 0.5), (5, 2, 0.3), (8, 2, 0.1)])
+def test_what_is_undone_of_a_rounded_average_is_white(n, times, counts):
     """Its spectrum is that of white noise, and of what rounding adds to it."""
-    lsb, v = counts / np.sqrt(n), np.random.default_rng(n).standard_normal((40, 4000))
-    y = lsb * np.round(np.array([mean_of(one, n) for one in v]) / lsb)
-    own = undone(y, n, counts)
-    assert np.isnan(own).sum() == 40 * n
-    f, power = signal.welch(own[:, n:], nperseg=256)
-    level = power.mean(0)[2:-1] / 2.0
+    v, window = np.random.default_rng(n).standard_normal((40, 4000)), np.ones(n) / n
+    if times == 2:
+        window = np.convolve(window, window)
+    lsb = counts * np.linalg.norm(window)
+    y = lsb * np.round(np.array([np.convolve(one, window, "valid") for one in v]) / lsb)
+    own = undone(y, n, times, counts)
+    assert np.isnan(own).sum() == 40 * len(window)
+    f, power = signal.welch(own[:, len(window):], nperseg=256)
+    level = power.mean(0)[2:-2] / 2.0
     expected = 1.0 + lsb**2 / 12.0
     assert_allclose(level, expected, rtol=0.12)    # of 40 * 30 segments: 3 %
     assert level.mean() == pytest.approx(expected, rel=0.02)
@@ -80,7 +99,7 @@ def test_what_is_undone_of_a_rounded_average_is_white(n, counts):
 
 def test_what_is_slow_keeps_its_size_where_a_rounded_average_is_undone():
     y = mean_of(0.01 * np.arange(2000.0), 8)
-    own = undone(y, 8, 0.5)
+    own = undone(y, 8, counts=0.5)
     assert_allclose(np.diff(own[400:]), 0.01, atol=1e-6)
 
 
@@ -171,6 +190,25 @@ def test_an_average_of_the_simulator_is_held_against_a_record(
         values = d.found[0].values
         assert values["parameter"][0] == "moving_average.window"
         assert values["factor"][0] == pytest.approx(factor)
+
+
+@pytest.mark.parametrize("counts", [0.0, 0.05])
+def test_the_mean_of_means_is_named_and_held_against_a_record(counts):
+    def record(seed, times):
+        y = mean_of(raw(seed), 5)
+        y = (mean_of(y, 5) if times == 2 else y)[-N:]
+        return counts * np.round(y / counts) if counts else y
+    first = sensorlab.diagnose(record(1, 2), DT, SIMULATOR)
+    assert set(first.verdict.split("+")) <= {"moving_average", "quantization"}
+    values = first.found[0].values
+    assert (values["window"][0], values["times"][0]) == (pytest.approx(0.05), 2)
+    simulator = sensorlab.augmented(first)
+    assert sensorlab.diagnose(record(2, 2), DT, simulator).verdict == "none"
+    d = sensorlab.diagnose(record(3, 1), DT, simulator)
+    assert d.verdict == "wrong_parameter"
+    values = d.found[0].values
+    assert values["parameter"][0] == "moving_average.times"
+    assert values["factor"][0] == pytest.approx(0.5)
 
 
 def test_counts_before_an_average_are_told():

@@ -43,8 +43,8 @@ The files read in the order of the argument; each takes only from those before i
 costs, effects, members, draws, shapes, processes, values, repeats, interpolated,
 dropouts, catalogue, own, kernels, lowpass, parts, linear, filters, backward, evidence,
 changes, joint, screens, spectra, signatures, onsets, scans, tuning, codes, clipping,
-averages, readings, standins, scales, guesses, account, implied, directed, rival, wrong,
-inside, sought, weighing, causes, refits, pairs, probes, places, distance, closure,
-drift, twins, flexible, search, remainder, verdict, known, diagnosis, augmented,
-blackbox, sizes, words, report, curves.
+unaveraged, averages, readings, standins, scales, guesses, account, implied, directed,
+rival, wrong, inside, sought, weighing, causes, refits, pairs, probes, places, distance,
+closure, drift, twins, flexible, search, remainder, verdict, known, diagnosis,
+augmented, blackbox, sizes, words, report, curves.
 """

@@ -62,20 +62,21 @@ def _drop(scene, y, value, spans):
         part[:] = value
 
 
-def _average(scene, y, window):
+def _average(scene, y, window, times=1):
     """Every sample becomes the mean of all in a window that ends with it; before the
-    record, of its first.
+    record, of its first. If it does so twice, that is a triangular window.
     """
-    taps = taps_of(scene, window)
-    y[:] = uniform_filter1d(y, taps, mode="nearest", origin=(taps - 1) // 2)
+    taps, times = taps_and_times(scene, window, times)
+    for _ in range(times):
+        y[:] = uniform_filter1d(y, taps, mode="nearest", origin=(taps - 1) // 2)
 
 
 ROUNDED = "before the rounding"    # means are rounded, not what they are of
 
 
-def taps_of(scene, window):
-    """Samples in a window, at least one."""
-    return max(round(window / scene.dt), 1)
+def taps_and_times(scene, window, times=1):
+    """Samples in a window, at least one, and how often a mean of so many is taken."""
+    return max(round(window / scene.dt), 1), times
 
 
 def repeat(scene, y, frequency, phase):
@@ -466,7 +467,8 @@ CATALOGUE = {effect.name: effect for effect in (
     Effect("moving_average", reading=_average, comes_last=True,
            variants=("", ROUNDED),
            equation="the mean of y over a window that ends with the sample; window in "
-                    "s, whole sampling intervals",
+                    "s, whole sampling intervals; times 2 if it is the mean of means, "
+                    "which is a triangular window (Bartlett)",
            resembles="bandwidth",
            experiment="look for zeros of the spectrum at multiples of one over the "
                       "window; switch off what smooths the data"),

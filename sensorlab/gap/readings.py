@@ -5,15 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief
-from sensorlab.gap.averages import (
-    FEWEST_TAPS, FEWEST_TURNS, Average, averaged_over, undone)
-from sensorlab.gap.catalogue import CATALOGUE, ROUNDED, taps_of
+from sensorlab.gap.averages import FEWEST_TAPS, FEWEST_TURNS, Average, averaged_over
+from sensorlab.gap.catalogue import CATALOGUE, ROUNDED, taps_and_times
 from sensorlab.gap.clipping import latent_law, limits_of, unclipped
 from sensorlab.gap.codes import odds_to_even, uneven_codes
 from sensorlab.gap.dropouts import dropouts
 from sensorlab.gap.effects import Found, Scene
 from sensorlab.gap.interpolated import interpolated, on_samples
 from sensorlab.gap.repeats import repeated, stuck_spans
+from sensorlab.gap.unaveraged import undone, weights
 from sensorlab.gap.values import (
     CERTAIN, COARSE, EXACT, FEWEST, NOISY, lattice, lattice_and_noise, lattice_between,
     less_rounding, noise_of, runs, snapped)
@@ -48,13 +48,22 @@ class Reading(NamedTuple):
         """Of an average that is undone to a raw record (N,), the standard deviation of
         the noise of what is rounded: of it, or of means.
         """
-        each = taps_of(scene, **self.found.values) if self.found.variant else 1
-        return noise_of(raw, 0.0) / np.sqrt(each)
+        noise, found = noise_of(raw, 0.0), self.found
+        return noise * np.linalg.norm(
+            weights(*taps_and_times(scene, **found.values))) if found.variant else noise
 
     @property
     def beyond(self):
         """Are limits wrong, as the record goes beyond them?"""
         return bool(self.instead) and "limits" in self.found.values
+
+    @property
+    def wrong(self):
+        """Symbol of the value that is wrong, of a reading that is another `instead`."""
+        symbol, own = WRONG[self.found.name], self.instead.found.values
+        same_window = "times" in own and np.isclose(
+            own[symbol], self.found.values[symbol], rtol=ALIKE)
+        return "times" if same_window else symbol
 
     @property
     def does_something(self):
@@ -125,14 +134,14 @@ def readings(scene):
 
 def _averaged(scene, y, average):
     """The `Reading` of an average, and of the counts before it or behind it."""
-    taps, lsb = average.taps, lattice(y)
-    found = _found("moving_average", window=taps * scene.dt)
+    taps, times, lsb = average.taps, average.times, lattice(y)
+    found = _found("moving_average", window=taps * scene.dt, times=times)
     shown = Reading(found, average.log_bayes, np.zeros(len(y), bool), False,
                     counts=average.counts)
     if not average.counts:
         raw = undone(y, taps)
         return (shown, *_rounded(raw, taps * lsb, noise_of(raw, taps * lsb)))
-    counts = _rounded(y, lsb, noise_of(y, lsb, taps))
+    counts = _rounded(y, lsb, noise_of(y, lsb, times * taps))
     if counts:
         shown = shown._replace(found=found._replace(variant=ROUNDED))
     return (shown, *counts)
@@ -185,11 +194,11 @@ def compared(scene, own, simulated=None):
                 scene.y, one.values["lsb"]):
             had[name] = seen[name] = mine._replace(moved=True)
         elif name in NONE and (shown or _would_show(scene, one)):
-            new, symbol = shown or mine._replace(
+            new = (shown or mine._replace(
                 found=one._replace(values=NONE[name](scene)),
-                log_bayes=COINCIDENCE * len(scene.y)), WRONG[name]
+                log_bayes=COINCIDENCE * len(scene.y)))._replace(instead=mine)
             had[name], seen[name] = mine, new._replace(
-                instead=mine, factor=new.found.values[symbol] / one.values[symbol])
+                factor=new.found.values[new.wrong] / one.values[new.wrong])
         elif not shown and name == "saturation" and (wider := _beyond(scene, one)):
             seen[name] = wider._replace(instead=mine)
         elif not shown and name == CODES and (even := _even(scene, one, rounded)):
@@ -213,7 +222,7 @@ NONE = dict(    # the values of a reading that does nothing
     repeated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi),
     interpolated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi,
                                             order=1),
-    moving_average=lambda scene: dict(window=scene.dt))
+    moving_average=lambda scene: dict(window=scene.dt, times=1))
 
 
 def _alike(own, seen, samples):
@@ -276,7 +285,7 @@ def missing(r):
     one, values = r.found, r.found.values
     if r.instead:
         one = one._replace(effect=one.effect._replace(name="wrong_parameter"))
-        values = dict(parameter=f"{r.found.name}.{WRONG[r.found.name]}",
+        values = dict(parameter=f"{r.found.name}.{r.wrong}",
                       factor=r.factor)
     return one._replace(values={
         symbol: (value, 0.0) for symbol, value in values.items()})
@@ -383,5 +392,5 @@ def without_readings(scene, y, seen):
             y[:, one.masked] = np.nan
     for one in seen:
         if one.is_average:
-            y = undone(y, taps_of(scene, **one.found.values), one.counts)
+            y = undone(y, *taps_and_times(scene, **one.found.values), one.counts)
     return y
