@@ -211,10 +211,14 @@ def test_the_mean_of_means_is_named_and_held_against_a_record(counts):
     assert values["factor"][0] == pytest.approx(0.5)
 
 
-def test_counts_before_an_average_are_told():
-    y = mean_of(np.round(2.0 * raw(3)) / 2.0, 4)
+@pytest.mark.parametrize("times", [1, 2])
+def test_counts_before_an_average_are_told(times):
+    y = np.round(2.0 * raw(3)) / 2.0
+    for _ in range(times):
+        y = mean_of(y, 4)
     average, counts = readings.readings(Scene(y, DT, {}))
     assert isinstance(average.found, Found)
-    assert average.found.values["window"] == pytest.approx(0.04)
+    assert average.found.values == dict(window=pytest.approx(0.04), times=times)
+    assert not average.found.variant
     assert counts.found.values["lsb"] == pytest.approx(0.5)
     assert not counts.coarse and not counts.opaque

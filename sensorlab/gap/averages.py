@@ -49,20 +49,19 @@ def averaged_over(y):
         return Average()
     power, lsb = _power(y), lattice(y)
     held = np.mean(np.diff(y) == 0.0) > MOST_HELD
-    ways = [_shown(y, power, lsb, times, rounded) for times, rounded, may_be in (
-        (1, False, not held), (1, True, lsb > 0.0), (2, True, lsb > 0.0 or not held))
-        if may_be]
+    ways = [_shown(y, power, lsb * rounded, times) for times in (1, 2)
+            for rounded, may_be in ((False, not held), (True, lsb > 0.0)) if may_be]
     # if both do: rounding is to be reckoned with
     return max(ways, key=lambda one: one.log_bayes + CERTAIN * (one.counts > 0.0),
                default=Average())
 
 
-def _shown(y, power, lsb, times, rounded):
-    """The `Average` of a record without a gap, whose values were rounded since to
-    multiples of lsb, or not.
+def _shown(y, power, lsb, times):
+    """The `Average` of a record without a gap, that many times, whose values were
+    rounded since to multiples of lsb, if it is not 0.
     """
     N = len(y)
-    floors = functools.partial(_floor, y, lsb, times) if lsb and rounded else _no_floor
+    floors = functools.partial(_floor, y, lsb, times) if lsb else _no_floor
     gains = {n: _gain(power, N, n, times, floors) for n in range(
         FEWEST_TAPS, min(N // FEWEST_TURNS, MOST_TAPS) + 1)}
     least = CERTAIN + np.log(len(gains))
@@ -70,18 +69,18 @@ def _shown(y, power, lsb, times, rounded):
     if not n:
         return Average()
     # a mean has the zeros of those of its parts, too: it may be one of more
-    if rounded:
-        told = [m for m, gain in gains.items()
-                if gain > least or not m % n and gain > 0.0]
-        n = _whole(power, N, told, times, floors)
-        counts = lsb / _noise_of(y, lsb, times * n)
-        raw = undone(y, n, times, counts)[times * n:]
-        fits = _rises(n, times, counts) and _is_even(raw, n) and _is_noise(raw, n)
-    else:
-        counts, more = 0.0, range(2 * n, N // 12 + 1, n)
+    if times == 1 and not lsb:
+        more = range(2 * n, N // 12 + 1, n)
         fits = _is_even(undone(y, n), n) and all(
             _gain(power, N, m, times, floors) <= least for m in more)
-    return Average(n, times, float(gains[n]), float(counts)) if fits else Average()
+        return Average(n, times, float(gains[n])) if fits else Average()
+    told = [m for m, gain in gains.items()
+            if gain > least or not m % n and gain > 0.0]
+    n = _whole(power, N, told, times, floors)
+    counts = float(lsb / _noise_of(y, lsb, times * n)) if lsb else 0.0
+    raw = undone(y, n, times, counts)[times * n:]
+    fits = _rises(n, times, counts) and _is_even(raw, n) and _is_noise(raw, n)
+    return Average(n, times, float(gains[n]), counts) if fits else Average()
 
 
 def _rises(n, times, counts):

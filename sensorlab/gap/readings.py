@@ -139,8 +139,8 @@ def _averaged(scene, y, average):
     shown = Reading(found, average.log_bayes, np.zeros(len(y), bool), False,
                     counts=average.counts)
     if not average.counts:
-        raw = undone(y, taps)
-        return (shown, *_rounded(raw, taps * lsb, noise_of(raw, taps * lsb)))
+        raw, lsb = undone(y, taps, times), taps**times * lsb
+        return (shown, *_rounded(raw, lsb, noise_of(raw, lsb)))
     counts = _rounded(y, lsb, noise_of(y, lsb, times * taps))
     if counts:
         shown = shown._replace(found=found._replace(variant=ROUNDED))
