@@ -12,6 +12,7 @@ import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator
 from sensorlab.gap import readings
 from sensorlab.gap.interpolated import interpolated, on_samples
+from sensorlab.gap.resampled import less_resampling
 
 N = 4000
 GIVEN = dict(    # times, in samples, at which a sensor gives a value
@@ -180,3 +181,63 @@ def test_the_reading_draws_lines_between_what_was_given(phase, order):
         between = interpolated(own)
         assert between.every == (0 if phase is None else 4)
         assert between.order == order and not between.own[at[1:-1]].any()
+
+
+def resampled(raw, ratio, lsb=0.0, begin=0.3):
+    """A record (N,) at a rate that is higher by a ratio, through NumPy's lines."""
+    y = np.interp(begin + np.arange(N) / ratio, np.arange(len(raw)), raw)
+    return lsb * np.round(y / lsb) if lsb else y
+
+
+@pytest.mark.parametrize("lsb", [0.0, 1e-6, 0.1, 0.25])
+@pytest.mark.parametrize("ratio", [1.03, 1.07, 1.2, 1.37, 1.5, 1.8, 1.95])
+def test_what_was_resampled_to_a_little_higher_rate_is_found(ratio, lsb):
+    """Its knots are what was given, but for what rounding leaves; its rate is known."""
+    for seed in range(2):
+        raw = noise(N, seed)
+        y = less_resampling(resampled(raw, ratio, lsb))
+        own = ~interpolated(y).own
+        assert own.mean() == pytest.approx(1.0 / ratio, rel=0.01)
+        at = np.arange(1, int(N / ratio))
+        nearest = np.round((at - 0.3) * ratio).astype(int)
+        assert np.std(y[nearest] - raw[at]) < 2.0 * lsb / np.sqrt(12.0) + 1e-9
+
+
+def test_what_was_not_resampled_stays_as_it_is():
+    rng, raw, i = np.random.default_rng(2), noise(N), np.arange(N)
+    line = 3.0 * np.sin(2.0 * np.pi * 0.173 * i)
+    for y in (raw, np.cumsum(raw), 0.5 * np.round(2.0 * raw), raw + line, line,
+              lfilter(*butter(2, 0.4), raw), np.repeat(raw, 2), raw[i // 3],
+              raw[np.floor(i / 1.5).astype(int)], np.where(rng.random(N) < 0.1, 0, raw),
+              np.zeros(N), 0.1 * i, raw[:20]):
+        assert less_resampling(y) is y
+
+
+def test_gaps_of_what_was_resampled_stay():
+    y = resampled(noise(N), 1.4)
+    y[1000:1100] = y[3000] = np.nan
+    own = less_resampling(y)
+    lost, seen = np.isnan(y), ~np.isnan(own)
+    assert np.isnan(own[lost]).all() and (~seen & ~lost).sum() <= 2
+    assert 0.5 < np.mean(own[seen] != y[seen])
+    assert np.abs(own[seen]).max() < 1.5 * np.abs(y[seen]).max()
+
+
+@pytest.mark.parametrize("ratio, lsb, effect", [(1.5, 0.1, "none"), *(
+    large(ratio, lsb, effect) for ratio in (1.07, 1.8) for lsb in (0.0, 0.1)
+    for effect in ("none", "bias_step", "sinusoid"))])
+def test_what_is_in_a_resampled_record_is_named_beside_it(ratio, lsb, effect):
+    rng, t = np.random.default_rng(6), np.arange(N)
+    raw = rng.standard_normal(N) + np.cumsum(0.01 * rng.standard_normal(N))
+    raw += dict(none=0.0, bias_step=1.5 * (t > 1100),
+                sinusoid=0.4 * np.sin(0.3 * t))[effect]
+    simulator = [sensorid.hypothesis("random_walk", sigma_w=(0.001, 0.02),
+                                     sigma_v=(0.5, 2.0))]
+    d = sensorlab.diagnose(resampled(raw, ratio, lsb), 0.01, simulator)
+    assert set(d.verdict.split("+")) == {"interpolated_samples", effect} - {"none"}
+    values = {one.name: one.values for one in d.found}
+    assert values["interpolated_samples"]["frequency"][0] == pytest.approx(
+        100.0 / ratio, rel=0.01)
+    if effect == "sinusoid":
+        assert values["sinusoid"]["frequency"][0] == pytest.approx(
+            0.3 / ratio * 100.0 / 2.0 / np.pi, rel=0.01)

@@ -460,7 +460,7 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="y is on a straight line, of order 1, or a smooth curve, of order "
                     "3, through what the sensor gave; it samples at frequency, in Hz, "
                     "below that of the record; phase, in rad, at the first; none if it "
-                    "samples at random, or loses samples",
+                    "samples between the record's times, at random, or loses samples",
            resembles="bandwidth",
            experiment="look for resampling, or for gaps that were filled, in what "
                       "wrote the file; take the samples as they came"),

@@ -6,10 +6,11 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import binom
 
 from sensorlab.gap.values import (
-    FEWEST, TELLING, beside, lattice, longest, more_than_chance, not_foretold, runs,
-    within)
+    CERTAIN, FEWEST, TELLING, beside, lattice, longest, more_than_chance, not_foretold,
+    runs, within)
 
 
 class Between(NamedTuple):
@@ -130,6 +131,8 @@ def _stands_out(first, y, every, order):
 
 ON_A_LINE = 1e-4    # of a step: times of 1.7e9 s, of samples 10 ms apart, are as exact
 ROUNDED = 1.5       # spacings of a lattice: rounding bends a line by one at most
+PADDED = 4          # times as long: of which a line's frequency is read
+MOST_MET = 0.9      # of places at equal intervals
 DENSITY = 10        # times as wide, about: bends of a size that is as likely by chance
 SELDOM = 0.1        # of what lies on lines may do so by chance
 MOSTLY_MEET = 0.75    # of the lines, between samples, if any do
@@ -152,7 +155,35 @@ def _on_lines(y):
         slope = (y[end] - y[begin]) / (end - begin)
         if FEWEST <= length.sum() < len(y) - 2 * FEWEST and _is_new(slope, typical):
             return within(start, length, len(y))
-    return np.zeros(len(y), bool)
+    return _in_the_middle(bend <= ON_A_LINE * typical)
+
+
+def _in_the_middle(straight):
+    """Samples (N,) in the middle between others, of those at which a record is straight
+    by chance, too: they come at equal intervals, to a sample, as where a record was
+    resampled to a rate that is little higher.
+    """
+    nowhere, N = np.zeros(len(straight), bool), len(straight)
+    count = straight.sum()
+    if count < FEWEST:
+        return nowhere
+    wave = np.fft.rfft(straight - count / N, PADDED * N)
+    power = np.abs(wave[FEWEST * PADDED:])**2
+    at = int(np.argmax(power > 0.5 * power.max()))    # the others are its harmonics
+    at += FEWEST * PADDED + int(np.argmax(power[at:at + PADDED]))
+    every = PADDED * N / at
+    first = (-np.angle(wave[at]) / (2.0 * np.pi) % 1.0) * every
+    expected = np.round(np.arange(first, N - 1, every)).astype(int)
+    near = expected[:, None] + np.array([0, -1, 1])
+    there = straight[np.clip(near, 0, N - 1)]
+    met = there.any(1)
+    # how likely one of three is straight where none is expected
+    chance = 1.0 - (1.0 - max(count - met.sum(), 1.0) / N)**3
+    by_chance = binom.logsf(met.sum() - 1, len(met), chance)
+    if met.mean() < MOST_MET or by_chance > -CERTAIN - np.log(N):
+        return nowhere
+    nowhere[near[met, there[met].argmax(1)]] = True
+    return nowhere
 
 
 def _is_new(slope, typical):

@@ -13,6 +13,7 @@ from sensorlab.gap.dropouts import dropouts
 from sensorlab.gap.effects import Found, Scene
 from sensorlab.gap.interpolated import interpolated, on_samples
 from sensorlab.gap.repeats import repeated, stuck_spans
+from sensorlab.gap.resampled import less_resampling
 from sensorlab.gap.unaveraged import undone, weights
 from sensorlab.gap.values import (
     CERTAIN, COARSE, EXACT, FEWEST, NOISY, lattice, lattice_and_noise, lattice_between,
@@ -297,13 +298,16 @@ def _found(name, **values):
 
 def recorded(y, dt, columns):
     """`Scene` of a record (N,) and its columns as they were recorded."""
+    given, y = y, less_resampling(y)
     lost = dropouts(y).own
     sensed = np.where(lost, np.nan, y)
     lsb, noise = lattice_and_noise(sensed)
     largest = _spacing_of_largest(sensed)
     if lsb < largest <= COARSE * noise:    # what is small was rounded by less: a noise
         lsb, sensed = largest, largest * np.round(sensed / largest)    # that changes
-    return Scene(np.where(lost, y, on_samples(snapped(sensed))), dt, columns,
+    if y is given:    # what lies between knots is on no lattice
+        sensed = on_samples(snapped(sensed))
+    return Scene(np.where(lost, y, sensed), dt, columns,
                  rounding=lsb / np.sqrt(12.0) if lsb <= COARSE * noise else 0.0)
 
 
