@@ -156,13 +156,12 @@ def test_what_went_through_an_average_is_named_beside_it(effect, n):
 
 
 @pytest.mark.parametrize("effect, n", [("none", 8), *(large(effect, n) for effect in (
-    "bias_step", "sinusoid", "random_telegraph", "noise_step") for n in (4, 16))])
+    "bias_step", "sinusoid", "noise_step") for n in (4, 16))])
 def test_what_went_through_an_average_that_was_rounded_is_named(effect, n):
     rng, y = np.random.default_rng(n), raw(7)
     t = DT * np.arange(len(y))
     y += dict(none=0.0, bias_step=2.0 * (t > 12.0),
               sinusoid=0.4 * np.sin(2.0 * np.pi * 7.3 * t),
-              random_telegraph=3.0 * (np.cumsum(rng.random(len(y)) < 1.0 / 150.0) % 2),
               noise_step=1.2 * (t > 14.0) * rng.standard_normal(len(y)))[effect]
     lsb = 0.7 / np.sqrt(n)
     d = sensorlab.diagnose(lsb * np.round(mean_of(y, n)[-N:] / lsb), DT, SIMULATOR)

@@ -101,7 +101,7 @@ def readings(scene):
         y = np.where(lost.own, np.nan, y)
     between = interpolated(y)
     average = averaged_over(y) if not between.every else Average()
-    if average.taps:    # of what was read before it, no value but the counts shows any
+    if average.taps:    # of what was read before it, no value but counts shows anything
         return (*seen, *_averaged(scene, y, average))
     repeats = repeated(y)
     for name, rest, more in (("repeated_samples", repeats, {}), (

@@ -40,16 +40,20 @@ def less_resampling(y):
     middle of a step: they repeat as samples come nearer to knots and go.
     """
     first, N = longest(~np.isnan(y))
-    part = y[first:][:min(N, TELLING)]
-    pace = _pace(part) if N > 4 * FEWEST else None
+    size = min(N, TELLING)
+    pace = _pace(y[first:][:size]) if N > 4 * FEWEST else None
     if pace is None:
         return y
-    begin, step = _best(part, *pace)
-    if not _leaves_little(part, begin, step):
+    begin, step = _best(y[first:][:size], *pace)
+    if not _leaves_little(y[first:][:size], begin, step):
         return y
-    if len(part) < len(y):
-        begin, step = _best(y, begin - first * step, step)
-    return _on_nearest(y, _through(y, begin, step))
+    while size < len(y) - first:    # by a pace that is known as well as for as many
+        size *= LONGER
+        begin, step = _best(y[first:][:size], begin, step)
+    return _on_nearest(y, _through(y, begin - first * step, step))
+
+
+LONGER = 4    # times
 
 
 def _leaves_little(y, begin, step):
@@ -97,11 +101,12 @@ def _best(y, begin, step):
     ends = np.array([begin, begin + (N - 1) * step])
     simplex = ends + NEAR * np.array([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.5]])
     best = minimize(left, ends, method="Nelder-Mead", options=dict(
-        initial_simplex=simplex, xatol=1e-9, fatol=1e-6)).x
+        initial_simplex=simplex, xatol=EXACTLY, fatol=np.inf)).x
     return best[0], (best[1] - best[0]) / (N - 1)
 
 
-NEAR = 0.05    # of a turn, by which times are known
+NEAR = 0.05       # of a turn, by which times are known, ...
+EXACTLY = 1e-9    # ... and to which they are sought
 
 
 def _through(y, begin, step):
@@ -119,7 +124,7 @@ def _through(y, begin, step):
     value = solveh_banded(bands, np.bincount(k, a * own, n) + np.bincount(
         k + 1, b * own, n))
     left = own - a * value[k] - b * value[k + 1]
-    return Knots(value, time, float(left @ left) + TINY, len(own) - n)
+    return Knots(value, time, float(np.sum(left**2)) + TINY, len(own) - n)
 
 
 NOTHING = 1e-12    # of a sample, that every knot has: none is without

@@ -317,7 +317,7 @@ def advice(d, unit):
         if one.variant in one.effect.alike and one.share < 0.5:
             continue    # another is as good
         if one.variant and one.effect.reading:
-            yield f"{one.name} is {one.variant} to counts"
+            yield f"{one.name} comes {one.variant} to counts"
         elif one.variant and not one.column:
             which = f" at {number(one.values['onset'][0])} s" if one.effect.begins and (
                 [other.name for other in d.found].count(one.name) > 1) else ""
