@@ -71,6 +71,9 @@ def test_sizes_of_two_effects_of_one_name_are_both_said():
     assert sizes.sizes([full], "mg", DT) == "limits -inf to 65535 mg"
     again = found("repeated_samples", frequency=(70.0, 0.0), phase=(None, 0.0))
     assert sizes.sizes([again], "mg", DT) == "frequency 70 Hz, at random"
+    lines = found("interpolated_samples", frequency=(83.0, 0.0), phase=(None, 0.0),
+                  order=(1, 0.0))
+    assert sizes.sizes([lines], "mg", DT) == "frequency 83 Hz, unevenly, order 1"
     codes = found("differential_nonlinearity", codes=([[3.0, 1.5], [4.0, 0.5]], 0.0))
     assert sizes.sizes([codes], "mg", DT) == "codes 2 of width 0.5 to 1.5 mg"
 

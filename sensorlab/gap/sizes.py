@@ -93,7 +93,7 @@ def values_text(values, unit, column="", dt=None):
             parts.append(f"{symbol} {mean}")
             continue
         if mean is None:    # a phase
-            parts.append("at random")
+            parts.append("unevenly" if "order" in values else "at random")
             continue
         if isinstance(mean, list):
             shown = _shown(symbol, mean)
