@@ -122,6 +122,11 @@ def others():
                 yield savgol_filter(counts, 11, 2)
 
 
+def test_a_line_of_few_samples_lies_between_none():
+    for samples in range(3, 40):
+        assert not interpolated(np.arange(samples) / 8.0).own.any()
+
+
 def test_nothing_is_between_others_by_chance():
     for number, y in enumerate(others()):
         assert not interpolated(readings.recorded(

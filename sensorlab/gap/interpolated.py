@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import binom
 
 from sensorlab.gap.values import (
-    CERTAIN, FEWEST, TELLING, beside, lattice, longest, more_than_chance, not_foretold,
-    runs, within)
+    CERTAIN, FEWEST, PADDED, TELLING, beside, lattice, longest, more_than_chance,
+    not_foretold, runs, within)
 
 
 class Between(NamedTuple):
@@ -131,7 +131,6 @@ def _stands_out(first, y, every, order):
 
 ON_A_LINE = 1e-4    # of a step: times of 1.7e9 s, of samples 10 ms apart, are as exact
 ROUNDED = 1.5       # spacings of a lattice: rounding bends a line by one at most
-PADDED = 4          # times as long: of which a line's frequency is read
 MOST_MET = 0.9      # of places at equal intervals
 DENSITY = 10        # times as wide, about: bends of a size that is as likely by chance
 SELDOM = 0.1        # of what lies on lines may do so by chance
@@ -165,7 +164,7 @@ def _in_the_middle(straight):
     """
     nowhere, N = np.zeros(len(straight), bool), len(straight)
     count = straight.sum()
-    if count < FEWEST:
+    if count < FEWEST or N < 2 * FEWEST:
         return nowhere
     wave = np.fft.rfft(straight - count / N, PADDED * N)
     power = np.abs(wave[FEWEST * PADDED:])**2

@@ -8,10 +8,8 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.optimize import minimize
 
-from sensorlab.gap.values import CERTAIN, FEWEST, TELLING, lattice, longest
+from sensorlab.gap.values import CERTAIN, FEWEST, PADDED, TELLING, lattice, longest
 
-PADDED = 4           # times as long: of which a line's frequency is read
-LEAST_CYCLES = 8     # of what repeats, in a record
 REGULAR = 0.15       # of the power of squares, in one line: of noise it is 0.04
 MOST = 9.0           # times the median of the squares of steps: more counts as that
 DETERMINED = 1e-6    # of the variance of steps: digits, that lines leave
@@ -83,7 +81,7 @@ def _pace(y):
     length = PADDED * len(square)
     wave = np.fft.rfft(square, length)
     power = np.abs(wave)**2 / np.sum(square**2)
-    at = LEAST_CYCLES * PADDED + int(np.argmax(power[LEAST_CYCLES * PADDED:]))
+    at = FEWEST * PADDED + int(np.argmax(power[FEWEST * PADDED:]))
     if not CERTAIN + np.log(len(square)) < power[at] < REGULAR * len(square):
         return None
     step = 1.0 - at / length
@@ -93,11 +91,10 @@ def _pace(y):
 
 def _best(y, begin, step):
     """The same, of which lines leave least: times of the first sample and the last."""
-    N, seen = len(y), ~np.isnan(y)
-    middle = np.mean(y[seen])
+    N, y = len(y), y - np.mean(y[~np.isnan(y)])
 
     def left(ends):
-        return np.log(_through(y - middle, ends[0], (ends[1] - ends[0]) / (N - 1)).left)
+        return np.log(_through(y, ends[0], (ends[1] - ends[0]) / (N - 1)).left)
     ends = np.array([begin, begin + (N - 1) * step])
     simplex = ends + NEAR * np.array([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.5]])
     best = minimize(left, ends, method="Nelder-Mead", options=dict(

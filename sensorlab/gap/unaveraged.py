@@ -27,7 +27,7 @@ def undone(y, n, times=1, counts=0.0):
     return result
 
 
-FINEST = 1e-3
+FINEST = 1e-3    # counts, of the noise: it may be as weak at the zeros
 
 
 def _undone(y, n):

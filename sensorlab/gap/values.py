@@ -9,6 +9,7 @@ import numpy as np
 TELLING = 20000     # samples that tell of a record what is the same everywhere
 FEWEST = 8          # samples that show what is rare
 CERTAIN = 15.0      # nats by which there is more than by chance
+PADDED = 4          # times as long: of which a line's frequency is read
 COARSE = 0.1        # of the white noise: a finer lattice is how a file was printed
 NOISY = 2.0         # of the white noise: what a coarser lattice adds is no white
                     # noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
