@@ -179,8 +179,7 @@ def compute():
                 own = stretch(1, *AXES[case[2]], SIMULATORS)
                 if case[2] not in simulators:
                     simulators[case[2]] = sensorlab.simulator_from(own[None], DT)
-                d = sensorlab.diagnose(y, DT, simulators[case[2]], columns,
-                                       simulated=own[None])
+                d = sensorlab.diagnose(y, DT, simulators[case[2]], columns)
                 then = None
             keep(key, dict(verdict=d.verdict, closed=d.closure.closed, then=then,
                            rest=d.remainder.share, p_value=d.after.p_value))

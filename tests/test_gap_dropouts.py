@@ -90,5 +90,4 @@ def test_dropouts_that_both_have_are_no_gap():
     theirs[rng.random(3000) < 0.02] = y[rng.random(3000) < 0.04] = 0.0
     for own, verdict in (theirs, "none"), (rng.standard_normal(3000), "dropouts"):
         simulator = sensorlab.simulator_from(own[None], 0.01)
-        assert sensorlab.diagnose(y, 0.01, simulator, simulated=own[None]
-                                  ).verdict == verdict
+        assert sensorlab.diagnose(y, 0.01, simulator).verdict == verdict

@@ -106,5 +106,5 @@ def test_codes_of_an_accelerometer_are_of_uneven_width(real, axis):
     assert {"quantization", "differential_nonlinearity"} <= {*d.verdict.split("+")}
     assert "unknown" not in d.verdict and d.closure.closed > 0.7
     simulator = sensorlab.simulator_from(first[None], 0.01)
-    again = sensorlab.diagnose(second, 0.01, simulator, simulated=first[None])
+    again = sensorlab.diagnose(second, 0.01, simulator)
     assert again.verdict in ("none", "undecided")

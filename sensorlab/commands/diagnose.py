@@ -90,7 +90,7 @@ def _one(options, model, record, folder):
         check_onsets(simulator, Scene(record.error, record.dt, {}))
         with progress_line() as progress:
             d = diagnose(record.error, record.dt, simulator, record.columns,
-                         seed=options.seed, progress=progress, simulated=simulated)
+                         seed=options.seed, progress=progress)
     except ValueError as problem:
         raise ValueError(f"{options.model or record.file}: {problem}") from None
     simulator = augmented(d)

@@ -42,7 +42,8 @@ def simulator_from(records, dt, columns=None):
         record; where there are several, of Student's law of the posterior means, or of
         what is known of each and of how far runs may be apart. One record tells them
         together, too: `Simulator.joint`. The amplitude of a line that several records
-        tell has that of Student's law; of one, any may be as large.
+        tell has that of Student's law; of one, any may be as large. It keeps the
+        records: what they have, too, is no gap for `diagnose`.
     """
     records = np.atleast_2d(records)[:MOST_RECORDS]
     first = diagnose(records[0], dt, default_simulator(records[0], dt), columns)
@@ -76,7 +77,8 @@ def simulator_from(records, dt, columns=None):
                 for one, s, own in zip(columns[inside:], acc.signatures,
                                        np.transpose(amplitudes))]
     joint = None if len(records) > 1 else joint_of(seen, acc, ranges)
-    return Simulator((h,), ((*effects, *(r.found for r in acc.readings)),), joint)
+    return Simulator((h,), ((*effects, *(r.found for r in acc.readings)),), joint,
+                     records)
 
 
 def _amplitudes(scene, acc):

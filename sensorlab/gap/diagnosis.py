@@ -88,8 +88,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         Hears how many parts of the work are done, of how many as far as is known, and
         what is done next.
     simulated : (L, M) array, optional
-        Records of the simulator itself, where they are all that is known of it (see
-        `simulator_from`): what they have, too, is no gap.
+        Records of the simulator itself, where they are all that is known of it: what
+        they have, too, is no gap. By default those that `simulator_from` had.
 
     Returns
     -------
@@ -115,6 +115,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     effects = as_effects(effects)
     check_parameters(effects, Scene(y, dt, columns))
     simulator = as_simulator(simulator)
+    simulated = simulator.records if simulated is None else simulated
     check_memory(len(y), len(columns))
     short = len(y) <= SHORT_RECORD
     if not short:

@@ -14,6 +14,7 @@ class Simulator(NamedTuple):
     hypotheses: tuple     # of Hypothesis
     effects: tuple = ()   # of every hypothesis a tuple of Found; () if none has any
     joint: object = None  # `Joint` of the parameters, where a record tells them
+    records: object = None    # (L, N) array, u, where these are all that is known of it
 
     @property
     def pairs(self):

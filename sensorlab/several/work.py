@@ -134,7 +134,7 @@ def diagnosed(record, simulator=None, simulated=None, seed=0, files=None):
         simulator = default_simulator(y, dt)
     if isinstance(simulator, Simulator):
         check_onsets(simulator, Scene(y, dt, {}))
-    d = diagnose(y, dt, simulator, record.columns, seed=seed, simulated=simulated)
+    d = diagnose(y, dt, simulator, record.columns, seed=seed)
     html = "" if files is None else page(
         d, record, unit, provenance(files, above=INDEX))
     return Row(record.file, record.column, unit, "", report(d, record),
