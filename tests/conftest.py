@@ -1,4 +1,8 @@
+import os
 import pathlib
+
+# threads of two workers that wait for each other make a test several times slower
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest

@@ -35,7 +35,7 @@ def folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize("command", [
     "identify r.npz --model m.json", "identify r.npz r.npz --model m.json",
     "criteria m.json --duration 20 --trials 64",
-    "plan r.npz --model m.json --trials 20"])
+    "plan r.npz --model m.json --trials 20 --to 2000"])
 def test_a_result_goes_where_a_program_can_read_it(folder, capfd, command):
     assert main([*command.split(), "--json", "-"]) == 0
     printed = capfd.readouterr()

@@ -49,8 +49,8 @@ def test_what_is_missing_is_named_beside_what_is_known(known, missing):
 
 @pytest.mark.parametrize("missing", [
     dict(name="bias_step", onset=1500.0, size=0.6),
-    dict(name="correlated_noise", tau=30.0, sigma=0.3), dict(name="rate_ramp",
-                                                             slope=3e-4)])
+    large(dict(name="correlated_noise", tau=30.0, sigma=0.3)),
+    dict(name="rate_ramp", slope=3e-4)])
 def test_a_level_of_two_values_does_not_hide_what_is_slow(missing):
     one = CATALOGUE[missing.pop("name")]
     level = Found(CATALOGUE["random_telegraph"], values=fixed(dwell=150.0, size=1.0))

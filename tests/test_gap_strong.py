@@ -56,7 +56,7 @@ STRONG = dict(
         np.pi * (TIME - 12.003) / 2.4, 0.0, np.pi))**2 * np.cos(90.0 * TIME))))
 
 
-QUICK = ["few", "louder", "half_sine", "vibration", "telegraph"]
+QUICK = ["few", "louder", "half_sine"]
 
 
 @pytest.mark.parametrize("kind", QUICK + [

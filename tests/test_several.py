@@ -156,6 +156,7 @@ def refused():
 
 def test_workers_share_the_cores(monkeypatch):
     monkeypatch.setattr(pool, "cores", lambda: 2)
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     with pool.workers(2) as executor:
         assert executor.submit(threads).result() == (1, "1")
         started = pool.multiprocessing.active_children()
