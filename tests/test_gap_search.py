@@ -3,10 +3,11 @@
 import math
 import types
 
+import numpy as np
 import pytest
 from test_gap_verdict import EFFECTS
 
-from sensorlab import Found
+from sensorlab import Found, Scene
 from sensorlab.gap import search
 from sensorlab.gap.causes import Cause, Further
 
@@ -158,3 +159,37 @@ def test_a_search_beside_few_steps_may_go_on_from_these():
     assert search.beside_steps(None, done._replace(other=few._replace(
         after=types.SimpleNamespace(p_value=0.5))), again, effects).path is few.path
     assert len(asked) == 1
+
+
+def test_what_chance_makes_of_coarse_counts_takes_more_than_few_records(monkeypatch):
+    """Its ln B, of this record and of others, is 13 Exp(1), or 0 as often."""
+    counts = types.SimpleNamespace(coarse=True, found=Found(
+        EFFECTS["bias_step"], values=dict(lsb=1.0)))
+    acc = types.SimpleNamespace(readings=(counts,), bases=(), hypotheses=(),
+                                signatures=())
+    told = []
+
+    def drawn(_, full, number, seed):
+        rng = np.random.default_rng([int(full.y), seed])
+        told.append(number)
+        return types.SimpleNamespace(error=13.0 * rng.exponential(size=number) * (
+            rng.random(number) < 0.5))
+    for name, stub in dict(
+            as_read=lambda full, _: full, as_simulated=lambda *_: None,
+            in_place=lambda *_: None, hide=lambda *_: False, effort=lambda _: 1.0,
+            simulate_effects=drawn, account=lambda scene, *_: float(scene.y),
+            largest_bayes=lambda _, value, effect: value).items():
+        monkeypatch.setattr(search, name, stub)
+
+    def left(record):
+        (own,) = drawn(None, Scene(record, 1.0, {}), 1, 0).error
+        return search._by_rounding(Scene(record, 1.0, {}), acc, None)(
+            EFFECTS["bias_step"], own)
+    records = range(2000)
+    named = np.mean([left(record) > 3.5 for record in records])
+    mean = sum(told) / len(records) - 1
+    monkeypatch.setattr(search, "MOST_AGAIN", 1)
+    of_few = np.mean([left(record) > 3.5 for record in records])
+    error = np.sqrt(of_few / len(records))
+    assert named < 0.25 * of_few and of_few - named > 4.0 * error
+    assert mean < 1.1 * search.HELD_AGAINST

@@ -217,7 +217,10 @@ def _worth(path, count):
         PRIOR_LAST / (1.0 - PRIOR_LAST))
 
 
-HELD_AGAINST = 12    # simulated records, fewer for a long record
+HELD_AGAINST = 12    # simulated records, fewer for a long record, ...
+MOST_AGAIN = 8       # ... and as many again, so many times at most, ...
+UNSURE = 2.0, 10.0   # ... where an effect is as far beyond chance, nats: no more than
+                     # it costs to look for all, or more than few can be wrong by
 THEIR_SEED = 1
 
 
@@ -226,31 +229,41 @@ def _by_rounding(full, acc, theta):
     what rounding to counts coarser than the noise adds is no white noise, and may look
     like an effect. Records of the simulator of an account at theta, where there is
     none, tell; beyond the largest of theirs, chance is an exponential law as wide as
-    they scatter. Where counts hide what theirs are, none tells of this one.
+    they scatter. Few seldom hold the largest that chance makes: there are more where an
+    effect is not far beyond them. Where counts hide what theirs are, none tells of this
+    one.
     """
     scene = as_read(full, acc.readings)
     simulator = in_place(as_simulated(acc, scene, theta), acc, scene)
     number = round(HELD_AGAINST * effort(full))
-    drawn = simulate_effects(simulator, full, number, THEIR_SEED).error
     (lsb,) = (r.found.values["lsb"] for r in acc.readings if r.coarse)
-    drawn = [y for y in drawn if not hide(y, lsb)]
 
     @functools.cache
-    def own(y):
-        scene = as_read(full._replace(y=drawn[y]), acc.readings)
-        return scene, account(scene, acc.bases, acc.hypotheses, acc.signatures,
-                              acc.readings, acc)
+    def drawn(again):
+        """Of so many records the accounts of those whose counts do not hide them."""
+        some = simulate_effects(simulator, full, number, THEIR_SEED + again).error
+        read = [as_read(full._replace(y=y), acc.readings)
+                for y in some if not hide(y, lsb)]
+        return [(scene, account(scene, acc.bases, acc.hypotheses, acc.signatures,
+                                acc.readings, acc)) for scene in read]
 
     @functools.cache
-    def theirs(effect):
+    def theirs(effect, again):
         say(f"looking for {effect.name.replace('_', ' ')} where there is none", 4)
         with heard_by(None, 0):
-            return [largest_bayes(*own(y), effect) for y in range(len(drawn))]
+            return [largest_bayes(*one, effect) for one in drawn(again)]
 
     def beyond(effect, log_bayes):
-        over = log_bayes - max(theirs(effect))
-        return over / max(np.std(theirs(effect)), 1.0) if over > 0.0 else over
-    return beyond if drawn else lambda effect, log_bayes: log_bayes
+        told, left = [], log_bayes
+        for again in range(MOST_AGAIN):
+            told += theirs(effect, again)
+            if told:
+                left = log_bayes - max(told)
+                left /= max(np.std(told), 1.0) if left > 0.0 else 1.0
+                if not UNSURE[0] < left < UNSURE[1]:
+                    break
+        return left
+    return beyond
 
 
 def narrowed(full, done, names, glanced):
