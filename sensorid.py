@@ -459,7 +459,8 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
     prior : "uniform" or "log"
         Law of every parameter given as a range.
     **parameters : float, (low, high) or Parameter
-        Known value, range of an unknown one, or range with a law of its own.
+        Known value, range of an unknown one, or range with a law of its own. Without
+        sigma_v, u, the models in MODELS have no white noise.
 
     Returns
     -------

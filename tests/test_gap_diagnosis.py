@@ -1134,3 +1134,14 @@ def test_one_bad_sample_at_an_end_is_an_outlier_and_no_step(at):
     y[at] += 30.0
     h = sensorid.hypothesis("white_noise", sigma_v=(0.5, 2.0), bias_sigma=30.0)
     assert sensorlab.diagnose(y, 1.0, [h]).verdict == "outliers"
+
+
+@pytest.mark.parametrize("seed, size", [(2, 12.0), large(1, 12.0), large(2, 8.0)])
+def test_a_first_sample_that_is_odd_is_no_burst(seed, size):
+    """A filter that takes it for the level is off for long: outliers seem too little.
+    """
+    rng = np.random.default_rng(seed)
+    y = np.cumsum(0.01 * rng.standard_normal(1500)) + rng.standard_normal(1500)
+    y[0] = y[1:10].mean() + size
+    walk = sensorid.hypothesis("random_walk", sigma_w=(0.002, 0.1), sigma_v=(0.3, 2.0))
+    assert sensorlab.diagnose(y, 0.01, [walk]).verdict == "outliers"

@@ -15,6 +15,7 @@ from sensorlab.gap.changes import onset_law
 from sensorlab.gap.costs import say
 from sensorlab.gap.filters import log_likelihoods, predict
 from sensorlab.gap.guesses import guesses_from
+from sensorlab.gap.kernels.mixtures import odd_at_first
 from sensorlab.gap.kernels.steps import RECENT
 from sensorlab.gap.linear import filter_of
 from sensorlab.gap.rival import (
@@ -186,9 +187,9 @@ def _told_by_screens(inside, effects):
             return _told_by_spectra([h.with_effect(effect) for h in
                                      reference.hypotheses], plain, reference)
         about = screened(effect, scene, z, variance)
-        if effect.name == "outliers" and any(
-                one.effect.of_all for one in acc.member.effects):
-            # to a filter that knows no white noise, one is a burst
+        if effect.name == "outliers" and (len(odd_at_first(scene.y[None])) or any(
+                one.effect.of_all for one in acc.member.effects)):
+            # to a filter that knows no level yet, or no white noise, one is a burst
             about = max(about, screened(CATALOGUE["noise_bursts"], scene, z, variance))
         return about
     if any(effect.search in BY_SPECTRA for effect in effects):

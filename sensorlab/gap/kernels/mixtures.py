@@ -49,7 +49,7 @@ def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out, moved=0):
     """
     parts = H, own, pair, rise, r, outlier, jump, moved
     total = _mixed(y, *parts, out)
-    odd = _odd_at_first(y) if outlier[:, 0].any() else []
+    odd = odd_at_first(y) if outlier[:, 0].any() else []
     if len(odd):
         rest, beside = y[odd], np.full((len(odd), *out.shape[1:]), np.nan)
         rest[:, 0] = np.nan
@@ -65,7 +65,7 @@ NEIGHBOURS = 8        # that tell where they lie
 KNOWN = 64            # samples that tell what a first one is beside them
 
 
-def _odd_at_first(y):
+def odd_at_first(y):
     """Numbers of those records (R, N) whose first sample lies away from the next ones:
     a filter that knows no level yet takes it for that, and cannot think again.
     """
