@@ -171,9 +171,8 @@ def check_interval(dt):
         raise ValueError(f"the sampling interval is {dt} s: it must be a number > 0")
 
 
-def check_record(y, dt):
-    """Refuse what no model can be identified from."""
-    check_interval(dt)
+def check_axis(y):
+    """Refuse what are no samples of one axis."""
     if y.ndim != 1:
         raise ValueError(f"the record has shape {y.shape}: "
                          "one axis of one sensor is needed")
@@ -181,6 +180,12 @@ def check_record(y, dt):
         raise ValueError(f"the record holds {np.isinf(y).sum()} infinite values, "
                          f"the first at sample {np.argmax(np.isinf(y))}: "
                          "remove them or mark them missing")
+
+
+def check_record(y, dt):
+    """Refuse what no model can be identified from."""
+    check_interval(dt)
+    check_axis(y)
     observed = y[~np.isnan(y)]
     if len(observed) < MIN_SAMPLES:
         raise ValueError(f"the record has {len(observed)} samples: "
@@ -2975,8 +2980,8 @@ def _check_answer(name, answer, hypotheses):
 
 def check_trials(hypotheses, dt, duration, trials):
     """Number of samples of a trial, if all numbers make sense."""
-    if np.ndim(dt) or np.ndim(duration) or not (
-            np.isfinite(dt) and dt > 0 and np.isfinite(duration) and duration >= dt):
+    if any(np.ndim(x) or np.asarray(x).dtype.kind not in "iuf" for x in (
+            dt, duration)) or not (0 < dt <= duration < np.inf):
         raise ValueError(f"dt = {dt} s, duration = {duration} s: two numbers, "
                          "0 < dt <= duration, are needed")
     check_whole(trials, "numbers of trials")

@@ -47,18 +47,23 @@ def read_model(file, dt=None):
     if tree is None:
         tree = _json(file)
     try:
-        wrong = problem(tree)
-        if wrong:
-            raise ValueError(wrong)
-        pairs = [_hypothesis_from(f"hypotheses[{k}]", entry, tree)
-                 for k, entry in enumerate(tree["hypotheses"])]
-        names = [h.name for h, _ in pairs]
-        if len(set(names)) < len(names):
-            raise ValueError(f"hypotheses of the same name among {', '.join(names)}: "
-                             "give each a \"label\" of its own")
-        _check_frequencies(pairs, float(tree["dt"]))
+        return _model_from(tree)
     except ValueError as wrong:
         raise ValueError(f"{file}: {wrong}") from None
+
+
+def _model_from(tree):
+    """Model from the content of a model file."""
+    wrong = problem(tree)
+    if wrong:
+        raise ValueError(wrong)
+    pairs = [_hypothesis_from(f"hypotheses[{k}]", entry, tree)
+             for k, entry in enumerate(tree["hypotheses"])]
+    names = [h.name for h, _ in pairs]
+    if len(set(names)) < len(names):
+        raise ValueError(f"hypotheses of the same name among {', '.join(names)}: "
+                         "give each a \"label\" of its own")
+    _check_frequencies(pairs, float(tree["dt"]))
     hypotheses, effects = zip(*pairs)
     return Model(float(tree["dt"]), tree.get("unit", "u"),
                  Simulator(hypotheses, effects if any(effects) else ()),
@@ -173,8 +178,13 @@ def model_text(model):
                 for one in effects]
         hypotheses.append(entry)
     posterior = dict(posterior_of=model.posterior_of) if model.posterior_of else {}
-    return json.dumps(dict(dt=model.dt, unit=model.unit, **posterior,
-                           hypotheses=hypotheses), indent=1)
+    text = json.dumps(dict(dt=model.dt, unit=model.unit, **posterior,
+                           hypotheses=hypotheses), indent=1, default=float)
+    try:
+        _model_from(parsed(text))
+    except ValueError as wrong:
+        raise ValueError(f"a model that no file can hold: {wrong}") from None
+    return text
 
 
 def _check_known(h, effects):

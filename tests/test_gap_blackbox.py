@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import DT, dense, large
+from conftest import DT, WHITE, dense, large
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
@@ -437,3 +437,18 @@ def test_samples_of_its_own_are_stuck_in_every_record(size):
         sensorlab.simulator_from(records, 0.01))
     assert d.verdict == ("random_telegraph" if size else "none")
     assert (d.before.p_value < 1e-3) == bool(size)
+
+
+@pytest.mark.parametrize("records, message", [
+    (None, "an array .L, N. of numbers"), ("a", "an array .L, N. of numbers"),
+    ([], "an array .L, N. of numbers"), ([np.arange(99.0), np.arange(98.0)],
+                                         "each record as long as the others"),
+    (np.ones((2, 2, 500)), "an array .L, N. of numbers"),
+    ([np.arange(99.0), np.ones(99)], "record 1 of the simulator: .* not all the same"),
+    ([[1.0, 2.0]], "record 0 of the simulator: .* at least 64")])
+def test_what_are_no_records_of_a_simulator_gets_one_sentence(records, message):
+    with pytest.raises(ValueError, match=message):
+        sensorlab.simulator_from(records, DT)
+    if records is not None:    # without, there are none
+        with pytest.raises(ValueError, match=message):
+            sensorlab.diagnose(np.arange(99.0), DT, WHITE, simulated=records)

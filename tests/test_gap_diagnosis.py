@@ -936,12 +936,29 @@ def test_a_diagnosis_does_not_depend_on_the_number_of_threads():
 @pytest.mark.parametrize("y, columns, message", [
     (np.ones(100), {}, "1 different ones"),
     (np.arange(30.0), {}, "at least 64"),
-    (np.append(np.arange(99.0), np.inf), {}, "finite"),
+    (np.append(np.arange(99.0), np.inf), {}, "1 infinite values, the first at sample"),
+    (np.ones((2, 100)), {}, r"shape \(2, 100\)"),
     (np.arange(100.0), dict(rate=np.ones(5)), "column rate has shape"),
     (np.arange(100.0), dict(rate=np.full(100, np.nan)), "not finite")])
 def test_bad_input_is_named(y, columns, message):
     with pytest.raises(ValueError, match=message):
         sensorlab.diagnose(y, DT, MODEL, columns)
+
+
+@pytest.mark.parametrize("dt", [None, "0.1", np.array([0.1]), 0.0, np.nan])
+def test_what_is_no_sampling_interval_is_named(dt):
+    with pytest.raises(ValueError, match="the sampling interval is .* a number > 0"):
+        sensorlab.diagnose(np.arange(100.0), dt, MODEL)
+
+
+def test_a_parameter_that_was_wrong_is_known_to_either_side():
+    y = 1.3 * np.random.default_rng(1).standard_normal(2000)
+    d = sensorlab.diagnose(y, DT, WHITE)
+    factor, sd = d.found[0].values["factor"]
+    (sigma_v,) = sensorlab.augmented(d).hypotheses[0].parameters
+    (was,) = WHITE[0].parameters
+    assert d.verdict == "wrong_parameter" and not was.low < factor * was.low < was.high
+    assert_allclose((sigma_v.mean, sigma_v.sd), np.array([factor, sd]) * was.low)
 
 
 def test_a_hypothesis_that_is_no_sum_of_processes_is_refused():

@@ -205,3 +205,15 @@ def test_the_schema_that_ships_is_the_one_that_is_used():
     shipped = pathlib.Path(s.__file__).parent / "docs" / "model.schema.json"
     assert json.loads(shipped.read_text()) == schema()
     Draft202012Validator.check_schema(schema())
+
+
+@pytest.mark.parametrize("change, message", [
+    (dict(dt=0), "dt is 0"), (dict(dt=float("nan")), "NaN"), (dict(dt="a"), "dt is"),
+    (dict(unit=None), "unit is null"), (dict(simulator=Simulator(
+        2 * (s.hypothesis("white_noise", sigma_v=1.0),))), "of the same name")])
+def test_what_could_not_be_read_again_is_not_written(change, message):
+    one = Simulator((s.hypothesis("white_noise", sigma_v=1.0),))
+    model = Model(np.float32(0.5), "u", one)
+    assert json.loads(model_text(model))["dt"] == 0.5
+    with pytest.raises(ValueError, match=f"a model that no file can hold: .*{message}"):
+        model_text(model._replace(**change))

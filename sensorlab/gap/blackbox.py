@@ -14,7 +14,7 @@ from sensorlab.gap.augmented import with_ranges
 from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import fixed
 from sensorlab.gap.joint import joint_of
-from sensorlab.gap.known import default_simulator
+from sensorlab.gap.known import as_records, default_simulator
 from sensorlab.gap.members import Simulator
 from sensorlab.gap.readings import as_read, readings, recorded
 from sensorlab.gap.standins import solved_by
@@ -44,8 +44,13 @@ def simulator_from(records, dt, columns=None):
         together, too: `Simulator.joint`. The amplitude of a line that several records
         tell has that of Student's law; of one, any may be as large. It keeps the
         records: what they have, too, is no gap for `diagnose`.
+
+    Raises
+    ------
+    ValueError
+        If the records are no such array, or one of them cannot be diagnosed.
     """
-    records = np.atleast_2d(records)[:MOST_RECORDS]
+    records = as_records(records, dt)[:MOST_RECORDS]
     first = diagnose(records[0], dt, default_simulator(records[0], dt), columns)
     acc = first.final
     seen = as_read(first.scene, acc.readings)

@@ -18,8 +18,8 @@ from sensorlab.gap.effects import Scene
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.implied import as_simulated, in_place
 from sensorlab.gap.known import (
-    as_simulator, bias_beside, check_recorded, check_scene, check_units, with_readings,
-    without_known)
+    as_records, as_simulator, bias_beside, check_recorded, check_scene, check_units,
+    with_readings, without_known)
 from sensorlab.gap.own import as_effects, check_parameters
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing, recorded
 from sensorlab.gap.refits import estimated_together
@@ -115,7 +115,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
     effects = as_effects(effects)
     check_parameters(effects, Scene(y, dt, columns))
     simulator = as_simulator(simulator)
-    simulated = simulator.records if simulated is None else simulated
+    simulated = simulator.records if simulated is None else as_records(simulated, dt)
     check_memory(len(y), len(columns))
     short = len(y) <= SHORT_RECORD
     if not short:

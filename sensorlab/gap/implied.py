@@ -69,15 +69,18 @@ def _with_numbers(acc, theta, widths, sized):
 
 
 SAME = 1e-12    # relative: a number of which weights have made a mean
+NEAREST = 0.05    # of a value: to zero, if a prior does not hold it
 
 
 def around(p, value, width):
     """A parameter known to +- width, within its prior if the value is."""
     if not p.free and np.isclose(value, p.low, rtol=SAME, atol=0.0):
         return p    # but for rounding
-    low = max(value - width, p.low) if value >= p.low else value
-    high = min(value + width, p.high) if value <= p.high else value
-    return Parameter(p.symbol, low, high)
+    if p.low <= value <= p.high:
+        return Parameter(p.symbol, max(value - width, p.low),
+                         min(value + width, p.high))
+    width = min(width, (1.0 - NEAREST) * abs(value))
+    return Parameter(p.symbol, value - width, value + width)
 
 
 def with_sizes(acc, scene, thetas):

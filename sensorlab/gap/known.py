@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import (
-    Parameter, as_hypotheses, at_quantiles, default_hypotheses, free_columns,
-    mean_square, random_walk, rate_ramp)
+    Parameter, as_hypotheses, as_samples, at_quantiles, check_axis, check_interval,
+    default_hypotheses, free_columns, mean_square, random_walk, rate_ramp)
 from sensorlab.gap.account import account
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.dropouts import less_dropouts
@@ -181,15 +181,13 @@ MIN_SAMPLES = 64    # fewer tell no effect from the noise
 
 def check_scene(y, dt, columns):
     """Refuse what cannot be diagnosed."""
-    if y.ndim != 1 or not (np.isfinite(dt) and dt > 0.0):
-        raise ValueError(f"a record of shape {y.shape} at {dt} s: "
-                         "one row of samples and an interval > 0 are needed")
+    check_interval(dt)
+    check_axis(y)
     seen = y[~np.isnan(y)]
-    if len(seen) < MIN_SAMPLES or np.isinf(y).any() or np.ptp(seen) == 0.0:
+    if len(seen) < MIN_SAMPLES or np.ptp(seen) == 0.0:
         raise ValueError(f"the record has {len(seen)} samples, "
                          f"{len(np.unique(seen))} different ones: at least "
-                         f"{MIN_SAMPLES} finite ones that are not all the same are "
-                         "needed")
+                         f"{MIN_SAMPLES} that are not all the same are needed")
     check_columns(y, columns)
     low, middle, high = np.quantile(seen, [0.25, 0.5, 0.75])
     off = np.abs(y - middle)
@@ -198,6 +196,24 @@ def check_scene(y, dt, columns):
         raise ValueError(f"sample {k} is {y[k]:g}, where half of the record lies from "
                          f"{low:g} to {high:g}: no sensor reads that; mark it as "
                          "missing, by NaN or an empty value and --allow-missing")
+
+
+def as_records(records, dt):
+    """Records of a simulator as an array (L, N); refuse what cannot be diagnosed."""
+    try:
+        result = np.atleast_2d(np.array([as_samples(y) for y in records]))
+    except (TypeError, ValueError):
+        result = np.empty(0)
+    if result.ndim != 2 or not result.size:
+        raise ValueError("records of a simulator: an array (L, N) of numbers is "
+                         "needed, each record as long as the others, NaN where a "
+                         "sample is missing")
+    for number, y in enumerate(result):
+        try:
+            check_scene(y, dt, {})
+        except ValueError as wrong:
+            raise ValueError(f"record {number} of the simulator: {wrong}") from None
+    return result
 
 
 NO_READING = 1e6    # times the spread of a record: a shock to full scale is 10^5
