@@ -246,3 +246,7 @@ def test_whole_seconds_tell_the_mean_rate_and_stand_against_no_interval():
     pd.to_timedelta(300 * np.arange(200), unit="s").to_numpy()])
 def test_small_integers_and_durations_are_clocks(time):
     assert clock("time [s]", time).dt == pytest.approx(300.0)
+
+
+def test_an_interval_is_the_number_that_stamps_count_in():
+    assert clock("t", np.round(0.01 * np.arange(2000), 6)).dt == 0.01

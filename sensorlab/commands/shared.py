@@ -379,8 +379,9 @@ def check_outputs(inputs, *outputs, plot=None, json=None):
                              "an output must be a file of its own")
         taken.add(os.path.realpath(file))
         folder = pathlib.Path(file).absolute().parent
-        if (not folder.is_dir() or not os.access(folder, os.W_OK)
-                or os.path.isdir(file)):
+        if os.path.isdir(file):
+            raise ValueError(f"{file} is a folder: a file is needed")
+        if not folder.is_dir() or not os.access(folder, os.W_OK):
             raise ValueError(f"{file} cannot be written: "
                              "no such folder, or no right to")
         if not os.path.exists(file):

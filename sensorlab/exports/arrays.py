@@ -1,4 +1,4 @@
-"""The whole model as a file of Python that needs NumPy alone."""
+"""The noises of a model, with jumps and readings, as a file of Python that needs NumPy alone."""
 
 import numpy as np
 

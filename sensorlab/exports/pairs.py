@@ -11,8 +11,23 @@ def _numbers(axes, choice):
     """(axis, pair); the walk is never 0, which Kalibr and OpenVINS refuse."""
     for axis in axes:
         pair = pair_of(axis, choice)
-        least = LEAST_WALK * np.sqrt(3.0) * pair.density / choice.horizon
-        yield axis, pair._replace(walk=max(pair.walk, least))
+        yield axis, pair._replace(walk=max(pair.walk, _least_walk(pair, choice)))
+
+
+def _least_walk(pair, choice):
+    return LEAST_WALK * np.sqrt(3.0) * pair.density / choice.horizon
+
+
+def _lost(axes, choice):
+    """What is lost in two numbers of which the walk is never 0."""
+    yield from of_numbers(axes, choice)
+    for axis in axes:
+        pair = pair_of(axis, choice)
+        least = _least_walk(pair, choice)
+        if pair.walk < least:
+            yield (f"a walk of {pair.walk:g} of the {axis.kind}: the program needs one "
+                   f"above 0, {least:.6e} is written, {LEAST_WALK:g} of the error at "
+                   f"{choice.horizon:g} s")
 
 
 def kalibr(axes, choice=Choice()):
@@ -22,7 +37,7 @@ def kalibr(axes, choice=Choice()):
         "sqrt(dt), step of the bias = random_walk * sqrt(dt). "
         "https://github.com/ethz-asl/kalibr/wiki/IMU-Noise-Model"),
         [*_kalibr_lines(axes, choice), "rostopic: /imu0",
-         f"update_rate: {1.0 / axes[0].dt:g}"], of_numbers(axes, choice), choice=choice)
+         f"update_rate: {1.0 / axes[0].dt:g}"], _lost(axes, choice), choice=choice)
 
 
 def openvins(axes, choice=Choice()):
@@ -35,7 +50,7 @@ def openvins(axes, choice=Choice()):
         "Convention: as Kalibr's, continuous and two-sided: noise per sample = "
         "noise_density / sqrt(dt), step of the bias = random_walk * sqrt(dt) "
         "(ov_msckf/src/sim/Simulator.cpp, get_next_imu). T_i_b is to be filled in."),
-        body, of_numbers(axes, choice), choice=choice, head="%YAML:1.0")
+        body, _lost(axes, choice), choice=choice, head="%YAML:1.0")
 
 
 def _kalibr_lines(axes, choice):

@@ -157,8 +157,17 @@ def clock(name, time, resample=False):
         found = Clock(dt, ", uneven, each sample at the nearest even time", t / dt,
                       even=False)
     source += f", taken as {guess}" * bool(guess)
-    return found._replace(said=f"dt {duration(found.dt)} from {source}{found.said}",
-                          guess=guess)
+    return found._replace(dt=_of_few_digits(found.dt), guess=guess,
+                          said=f"dt {duration(found.dt)} from {source}{found.said}")
+
+
+def _of_few_digits(dt):
+    """An interval of ten digits at most, if what follows is but rounding of a mean."""
+    few = float(f"{dt:.10g}")
+    return few if abs(few - dt) < ROUNDING * dt else dt
+
+
+ROUNDING = 1e-13    # of an interval
 
 
 def _with_gaps(t, step, usual):
