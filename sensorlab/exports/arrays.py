@@ -1,4 +1,4 @@
-"""The noises of a model, with jumps and readings, as a file of Python that needs NumPy alone."""
+"""Noises, jumps and readings of a model as a file of Python that needs NumPy alone."""
 
 import numpy as np
 
