@@ -49,19 +49,27 @@ def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out, moved=0):
     """
     parts = H, own, pair, rise, r, outlier, jump, moved
     total = _mixed(y, *parts, out)
-    odd = odd_at_first(y) if outlier[:, 0].any() else []
-    if len(odd):
-        rest, beside = y[odd], np.full((len(odd), *out.shape[1:]), np.nan)
-        rest[:, 0] = np.nan
-        others = _log_of_outlier(y[odd], *parts) + _mixed(rest, *parts, beside)
-        share = np.exp(others - np.logaddexp(total[odd], others))[:, :out.shape[1]]
-        _weigh_first(beside, share, odd, out)
-        total[odd] = np.logaddexp(total[odd], others)
+    begin, rest = _begin(y), y
+    odd = np.arange(len(y)) if outlier[:, 0].any() else np.array([], int)
+    for count in range(1, MOST_ODD + 1):    # and the next, if it lies away as well
+        odd = odd[odd_at_first(rest)] if len(odd) else odd
+        rest = y[odd]
+        for first in np.unique(begin[odd]):
+            here, away = begin[odd] == first, slice(first, first + count)
+            some = odd[here]
+            rest[here, away] = np.nan
+            beside = np.full((len(some), *out.shape[1:]), np.nan)
+            others = _log_of_outliers(away, y[some], *parts) + _mixed(
+                rest[here], *parts, beside)
+            share = np.exp(others - np.logaddexp(total[some], others))
+            _weigh_first(away, beside, share[:, :out.shape[1]], some, out)
+            total[some] = np.logaddexp(total[some], others)
     return total
 
 
 ODD_AT_FIRST = 5.0    # median deviations of its neighbours, from which on it may be one
 NEIGHBOURS = 8        # that tell where they lie
+MOST_ODD = 4          # of these at once
 KNOWN = 64            # samples that tell what a first one is beside them
 
 
@@ -69,38 +77,47 @@ def odd_at_first(y):
     """Numbers of those records (R, N) whose first sample lies away from the next ones:
     a filter that knows no level yet takes it for that, and cannot think again.
     """
-    seen = np.flatnonzero(~np.isnan(y[:, :1 + NEIGHBOURS]).any(1))
-    first, near = y[seen, 0], y[seen, 1:1 + NEIGHBOURS]
+    at = _begin(y)[:, None] + np.arange(1 + NEIGHBOURS)
+    near = np.take_along_axis(y, np.minimum(at, y.shape[1] - 1), 1)
+    seen = np.flatnonzero((at[:, -1] < y.shape[1]) & ~np.isnan(near).any(1))
+    first, near = near[seen, 0], near[seen, 1:]
     middle = np.median(near, axis=1)
     spread = np.median(np.abs(near - middle[:, None]), axis=1)
     return seen[np.abs(first - middle) > ODD_AT_FIRST * spread]
 
 
-def _log_of_outlier(y, H, own, pair, rise, r, outlier, *rest):
-    """Log densities (R, M) of the first samples of records y (R, N) as outliers, beside
-    what the next ones tell, and that they are.
+def _begin(y):
+    """Numbers (R,) of the first samples of records (R, N) that are not missing."""
+    return np.argmax(~np.isnan(y), axis=1)
+
+
+def _log_of_outliers(away, y, H, own, pair, rise, r, outlier, *rest):
+    """Log densities (R, M) of the first samples of records y (R, N), a slice `away`, as
+    outliers, beside what the next ones tell, and that they are.
     """
-    noise = np.broadcast_to(r, (len(r), y.shape[1]))[:, :KNOWN].copy()
-    y, H = y[:, :KNOWN], H[:KNOWN]
+    known = slice(away.start + KNOWN)
+    noise = np.broadcast_to(r, (len(r), y.shape[1]))[:, known].copy()
+    y, H = y[:, known], H[known]
     nothing = np.empty((len(y), len(outlier), 0, y.shape[1]))
-    without = np.where(np.arange(y.shape[1]) > 0, y, np.nan)
+    without = np.where(np.arange(y.shape[1]) >= away.stop, y, np.nan)
     unseen = _mixed(without, H, own, pair, rise, noise, outlier, *rest, nothing)
-    noise[:, 0] += outlier[:, 1]
+    noise[:, away] += outlier[:, 1:]
     seen = _mixed(y, H, own, pair, rise, noise, outlier, *rest, nothing)
     with np.errstate(divide="ignore"):    # some nodes may have none
-        return np.log(outlier[:, 0]) + seen - unseen
+        return (away.stop - away.start) * np.log(outlier[:, 0]) + seen - unseen
 
 
-def _weigh_first(beside, share, odd, out):
+def _weigh_first(away, beside, share, odd, out):
     """Make what is told `out` (R, K, rows, N) of records number `odd` that where their
-    first sample is an outlier, `beside` it, by the `share` (O, K) that this has.
+    first samples `away` are outliers, `beside` them, by the `share` (O, K) that this
+    has.
     """
     if not out.shape[2]:
         return
     share, own = share[:, :, None, None], out[odd]
     told = np.where(np.isnan(beside), own, (1.0 - share) * own + share * beside)
     if out.shape[2] > 2:
-        told[:, :, 2, 0] += share[:, :, 0, 0] * (1.0 - told[:, :, 2, 0])
+        told[:, :, 2, away] += share[:, :, 0] * (1.0 - told[:, :, 2, away])
     out[odd] = told
 
 
