@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import DT, WHITE, dense, large
 from numpy.testing import assert_allclose
@@ -441,6 +442,7 @@ def test_samples_of_its_own_are_stuck_in_every_record(size):
 
 @pytest.mark.parametrize("records, message", [
     (None, "an array .L, N. of numbers"), ("a", "an array .L, N. of numbers"),
+    (pd.DataFrame(np.ones((2, 99))), "record 0 of the simulator: .* not all the same"),
     ([], "an array .L, N. of numbers"), ([np.arange(99.0), np.arange(98.0)],
                                          "each record as long as the others"),
     (np.ones((2, 2, 500)), "an array .L, N. of numbers"),

@@ -200,8 +200,9 @@ def check_scene(y, dt, columns):
 
 def as_records(records, dt):
     """Records of a simulator as an array (L, N); refuse what cannot be diagnosed."""
+    rows = np.atleast_2d(records) if hasattr(records, "__array__") else records
     try:
-        result = np.atleast_2d(np.array([as_samples(y) for y in records]))
+        result = np.atleast_2d(np.array([as_samples(y) for y in rows]))
     except (TypeError, ValueError):
         result = np.empty(0)
     if result.ndim != 2 or not result.size:

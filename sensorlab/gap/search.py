@@ -219,8 +219,8 @@ def _worth(path, count):
 
 HELD_AGAINST = 12    # simulated records, fewer for a long record, ...
 MOST_AGAIN = 8       # ... and as many again, so many times at most, ...
-UNSURE = 2.0, 10.0   # ... where an effect is as far beyond chance, nats: no more than
-                     # it costs to look for all, or more than few can be wrong by
+UNSURE = 2.0, 10.0   # ... where an effect lies so many of their standard deviations
+                     # beyond them: fewer name none, more leave no doubt
 THEIR_SEED = 1
 
 
