@@ -164,10 +164,14 @@ MIN_SAMPLES = 16    # fewer say nothing of any correlated process
 SCALE = 1e-15, 1e15    # u, of values: products of their squares remain numbers
 
 
+def is_number(x):
+    """Is it one real number?"""
+    return not np.ndim(x) and np.asarray(x).dtype.kind in "iuf"
+
+
 def check_interval(dt):
     """Refuse what is no sampling interval."""
-    if np.ndim(dt) or np.asarray(dt).dtype.kind not in "iuf" or not (
-            np.isfinite(dt) and dt > 0):
+    if not (is_number(dt) and 0 < dt < np.inf):
         raise ValueError(f"the sampling interval is {dt} s: it must be a number > 0")
 
 
@@ -2980,8 +2984,7 @@ def _check_answer(name, answer, hypotheses):
 
 def check_trials(hypotheses, dt, duration, trials):
     """Number of samples of a trial, if all numbers make sense."""
-    if any(np.ndim(x) or np.asarray(x).dtype.kind not in "iuf" for x in (
-            dt, duration)) or not (0 < dt <= duration < np.inf):
+    if not (is_number(dt) and is_number(duration) and 0 < dt <= duration < np.inf):
         raise ValueError(f"dt = {dt} s, duration = {duration} s: two numbers, "
                          "0 < dt <= duration, are needed")
     check_whole(trials, "numbers of trials")

@@ -11,23 +11,19 @@ def _numbers(axes, choice):
     """(axis, pair); the walk is never 0, which Kalibr and OpenVINS refuse."""
     for axis in axes:
         pair = pair_of(axis, choice)
-        yield axis, pair._replace(walk=max(pair.walk, _least_walk(pair, choice)))
-
-
-def _least_walk(pair, choice):
-    return LEAST_WALK * np.sqrt(3.0) * pair.density / choice.horizon
+        least = LEAST_WALK * np.sqrt(3.0) * pair.density / choice.horizon
+        yield axis, pair._replace(walk=max(pair.walk, least))
 
 
 def _lost(axes, choice):
     """What is lost in two numbers of which the walk is never 0."""
     yield from of_numbers(axes, choice)
-    for axis in axes:
-        pair = pair_of(axis, choice)
-        least = _least_walk(pair, choice)
-        if pair.walk < least:
-            yield (f"a walk of {pair.walk:g} of the {axis.kind}: the program needs one "
-                   f"above 0, {least:.6e} is written, {LEAST_WALK:g} of the error at "
-                   f"{choice.horizon:g} s")
+    for axis, written in _numbers(axes, choice):
+        walk = pair_of(axis, choice).walk
+        if walk < written.walk:
+            yield (f"a walk of {walk:g} of the {axis.kind}: the program needs one "
+                   f"above 0, {written.walk:.6e} is written, {LEAST_WALK:g} of the "
+                   f"error at {choice.horizon:g} s")
 
 
 def kalibr(axes, choice=Choice()):

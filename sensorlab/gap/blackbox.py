@@ -13,6 +13,7 @@ from sensorlab.gap.account import account
 from sensorlab.gap.augmented import with_ranges
 from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import fixed
+from sensorlab.gap.implied import NEAREST
 from sensorlab.gap.joint import joint_of
 from sensorlab.gap.known import as_records, default_simulator
 from sensorlab.gap.members import Simulator
@@ -164,5 +165,5 @@ def _ranges(parameters, samples):
             result.append(Parameter(p.symbol, float(np.exp(low)), float(np.exp(high))))
         else:
             result.append(Parameter(p.symbol, float(
-                max(low, 0.05 * middle) if middle > 0.0 else low), float(high)))
+                max(low, NEAREST * middle) if middle > 0.0 else low), float(high)))
     return tuple(result)

@@ -186,13 +186,13 @@ def _told_by_screens(inside, effects):
         if effect.model and not effect.search:
             return _told_by_spectra([h.with_effect(effect) for h in
                                      reference.hypotheses], plain, reference)
+        if effect.name == "outliers" and len(odd_at_first(scene.y[None])):
+            return np.inf    # to a filter that takes it for the level, others are odd
         about = screened(effect, scene, z, variance)
         if effect.name == "outliers" and any(
                 one.effect.of_all for one in acc.member.effects):
             # to a filter that knows no white noise, one is a burst
             about = max(about, screened(CATALOGUE["noise_bursts"], scene, z, variance))
-        if effect.name == "outliers" and len(odd_at_first(scene.y[None])):
-            about = np.inf    # to a filter that takes it for the level, others are odd
         return about
     if any(effect.search in BY_SPECTRA for effect in effects):
         inside.prepare()

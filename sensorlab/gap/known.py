@@ -198,6 +198,9 @@ def check_scene(y, dt, columns):
                          "missing, by NaN or an empty value and --allow-missing")
 
 
+NO_READING = 1e6    # times the spread of a record: a shock to full scale is 10^5
+
+
 def as_records(records, dt):
     """Records of a simulator as an array (L, N); refuse what cannot be diagnosed."""
     rows = np.atleast_2d(records) if hasattr(records, "__array__") else records
@@ -215,9 +218,6 @@ def as_records(records, dt):
         except ValueError as wrong:
             raise ValueError(f"record {number} of the simulator: {wrong}") from None
     return result
-
-
-NO_READING = 1e6    # times the spread of a record: a shock to full scale is 10^5
 
 
 def check_columns(y, columns):

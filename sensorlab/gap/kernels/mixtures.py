@@ -49,10 +49,11 @@ def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out, moved=0):
     """
     parts = H, own, pair, rise, r, outlier, jump, moved
     total = _mixed(y, *parts, out)
-    begin, rest = _begin(y), y
-    odd = np.arange(len(y)) if outlier[:, 0].any() else np.array([], int)
+    if not outlier[:, 0].any():
+        return total
+    begin, odd, rest = _begin(y), np.arange(len(y)), y
     for count in range(1, MOST_ODD + 1):    # and the next, if it lies away as well
-        odd = odd[odd_at_first(rest)] if len(odd) else odd
+        odd = odd[odd_at_first(rest)]
         rest = y[odd]
         for first in np.unique(begin[odd]):
             here, away = begin[odd] == first, slice(first, first + count)
