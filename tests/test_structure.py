@@ -51,8 +51,8 @@ def test_a_section_calls_only_sections_above_it(end):
 ROOMS = {    # of the laboratory; each takes only from those before it, and before its
              # folder
     "sensorlab/gap": ["costs", "effects", "members", "draws", "shapes", "processes",
-                      "values", "repeats", "interpolated", "resampled", "dropouts",
-                      "catalogue", "own", "kernels", "lowpass", "parts", "linear",
+                      "values", "steep", "repeats", "interpolated", "resampled",
+                      "dropouts", "catalogue", "own", "kernels", "lowpass", "parts", "linear",
                       "filters", "backward", "evidence", "changes", "joint", "screens",
                       "spectra", "signatures", "onsets", "scans", "tuning", "codes",
                       "clipping", "unaveraged", "averages", "readings", "standins",

@@ -40,7 +40,7 @@ Notation
     z            normal scores of a record, N(0, 1) and white if all is well
 
 The files read in the order of the argument; each takes only from those before it:
-costs, effects, members, draws, shapes, processes, values, repeats, interpolated,
+costs, effects, members, draws, shapes, processes, values, steep, repeats, interpolated,
 resampled, dropouts, catalogue, own, kernels, lowpass, parts, linear, filters, backward,
 evidence, changes, joint, screens, spectra, signatures, onsets, scans, tuning, codes,
 clipping, unaveraged, averages, readings, standins, scales, guesses, account, implied,

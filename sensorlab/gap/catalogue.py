@@ -8,6 +8,7 @@ import copyreg
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, sosfilt
 
 import sensorlab.gap.processes as processes
 import sensorlab.gap.shapes as shapes
@@ -15,6 +16,7 @@ from sensorid import Parameter
 from sensorlab.gap.effects import Effect
 from sensorlab.gap.interpolated import interpolated
 from sensorlab.gap.repeats import repeated_at_random
+from sensorlab.gap.steep import NO_CUTOFF
 from sensorlab.gap.values import lattice
 
 
@@ -71,12 +73,21 @@ def _average(scene, y, window, times=1):
         y[:] = uniform_filter1d(y, taps, mode="nearest", origin=(taps - 1) // 2)
 
 
-ROUNDED = "before the rounding"    # means are rounded, not what they are of
+ROUNDED = "before the rounding"    # what comes out is rounded, not what goes in
 
 
 def taps_and_times(scene, window, times=1):
     """Samples in a window, at least one, and how often a mean of so many is taken."""
     return max(round(window / scene.dt), 1), times
+
+
+def _pass(scene, y, cutoff, order):
+    """Every record passes a Butterworth filter, which its first sample is at rest in.
+    """
+    if cutoff * scene.dt < NO_CUTOFF:
+        first = y[..., :1].copy()
+        sections = butter(order, 2.0 * cutoff * scene.dt, output="sos")
+        y[:] = first + sosfilt(sections, y - first)
 
 
 def repeat(scene, y, frequency, phase):
@@ -472,6 +483,13 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="bandwidth",
            experiment="look for zeros of the spectrum at multiples of one over the "
                       "window; switch off what smooths the data"),
+    Effect("steep_low_pass", reading=_pass, comes_last=True, variants=("", ROUNDED),
+           equation="y passes a low-pass of third order or more, a Butterworth filter, "
+                    "gain 1 at rest; half the power passes at cutoff, in Hz; what was "
+                    "white is as strong as it was before, below",
+           resembles="bandwidth",
+           experiment="record at a higher rate, or with another setting of the "
+                      "sensor's filter: the spectrum's edge moves with it"),
     Effect("wrong_parameter", factor=1000.0,
            equation="one parameter of the simulator, or all standard deviations, is "
                     "factor times what it says: the middle of a narrow range, the "

@@ -136,6 +136,7 @@ def _diagnosed(raw, simulator, effects, trials, seed, simulated):
     say("measuring where it differs", 2)
     had, seen = compared(raw, [one for one in simulator.pairs[0][1]
                                if one.effect.reading], simulated)
+    had, seen = ([r.as_white_as(simulator) for r in some] for some in (had, seen))
     check_recorded(simulator, raw)
     full, known, free, bases = without_known(
         tuned(simulator, raw), raw, latent_mean(raw.y, seen),

@@ -201,7 +201,7 @@ def _setting(scene, acc, first):
                                            np.nan))
     lsb, noise = lattice_and_noise(scene.y + scene.known)
     for r in acc.readings:
-        if r.is_average:    # of it, what was rounded before has fine digits, too
+        if r.is_average or r.is_steep:    # what was rounded before has fine digits
             lsb, noise = np.inf, r.noise_of_rounded(scene, own[0])
     return _Setting(scene, acc, first, own, fitted, late,
                     lsb if lsb <= COARSE * noise else 0.0,

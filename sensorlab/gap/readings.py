@@ -14,6 +14,8 @@ from sensorlab.gap.effects import Found, Scene
 from sensorlab.gap.interpolated import interpolated, on_samples
 from sensorlab.gap.repeats import repeated, stuck_spans
 from sensorlab.gap.resampled import less_resampling
+from sensorlab.gap.steep import (
+    FEWEST_SAMPLES, HIGHEST, Steep, filled, log_odds_of_another, steep_low_pass)
 from sensorlab.gap.unaveraged import undone, weights
 from sensorlab.gap.values import (
     CERTAIN, COARSE, EXACT, FEWEST, NOISY, lattice, lattice_and_noise, lattice_between,
@@ -30,6 +32,7 @@ class Reading(NamedTuple):
     coarse: bool = False    # it adds no white noise, but what hangs on the value
     moved: bool = False  # something was added to the record after it was rounded
     counts: float = 0.0  # that an average was rounded to, as `averages.Average` has it
+    white: tuple = None  # of a steep low-pass, as `filled` takes it
     instead: "Reading" = None    # of the simulator's own, whose value is wrong
     factor: float = 1.0          # by which it is
 
@@ -45,13 +48,29 @@ class Reading(NamedTuple):
         """Is it a moving average?"""
         return "window" in self.found.values
 
+    @property
+    def is_steep(self):
+        """Is it a steep low-pass?"""
+        return "cutoff" in self.found.values
+
     def noise_of_rounded(self, scene, raw):
-        """Of an average that is undone to a raw record (N,), the standard deviation of
-        the noise of what is rounded: of it, or of means.
+        """Of what smooths a record and is undone to a raw one (N,), the standard
+        deviation of the noise of what is rounded: of it, or of what comes out.
         """
         noise, found = noise_of(raw, 0.0), self.found
+        if self.is_steep:
+            return noise * np.sqrt(2.0 * found.values["cutoff"] * scene.dt)
         return noise * np.linalg.norm(
             weights(*taps_and_times(scene, **found.values))) if found.variant else noise
+
+    def as_white_as(self, simulator):
+        """Of a steep low-pass, the same with what the simulator says of white noise."""
+        if not self.is_steep:
+            return self
+        sigma = [p for h, _ in simulator.pairs for p in h.parameters
+                 if p.symbol == "sigma_v"]
+        white = sigma and (min(p.low for p in sigma), max(p.high for p in sigma))
+        return self._replace(white=white or None)
 
     @property
     def beyond(self):
@@ -62,9 +81,9 @@ class Reading(NamedTuple):
     def wrong(self):
         """Symbol of the value that is wrong, of a reading that is another `instead`."""
         symbol, own = WRONG[self.found.name], self.instead.found.values
-        same_window = "times" in own and np.isclose(
-            own[symbol], self.found.values[symbol], rtol=ALIKE)
-        return "times" if same_window else symbol
+        other = OTHER.get(self.found.name)
+        same = other and np.isclose(own[symbol], self.found.values[symbol], rtol=ALIKE)
+        return other if same else symbol
 
     @property
     def does_something(self):
@@ -101,9 +120,14 @@ def readings(scene):
         y = np.where(lost.own, np.nan, y)
     between = interpolated(y)
     average = averaged_over(y) if not between.every else Average()
-    if average.taps:    # of what was read before it, no value but counts shows anything
+    repeats = repeated(y) if not average.taps else None
+    polled = repeats and repeats.own.any() and repeats.phase is not None
+    steep = Steep() if polled else steep_low_pass(
+        np.where(between.own, np.nan, y), average.taps and (average.taps, average.times))
+    if steep.order:    # of what was read before it, no value but counts shows anything
+        return (*seen, *_low_passed(scene, y, steep))
+    if average.taps:
         return (*seen, *_averaged(scene, y, average))
-    repeats = repeated(y)
     for name, rest, more in (("repeated_samples", repeats, {}), (
             "interpolated_samples", between, dict(order=between.order))):
         if rest.own.any():
@@ -148,6 +172,16 @@ def _averaged(scene, y, average):
     return (shown, *counts)
 
 
+def _low_passed(scene, y, steep):
+    """The `Reading` of a steep low-pass, and of the counts behind it."""
+    lsb = lattice(y)
+    counts = _rounded(y, lsb, noise_of(y, lsb, round(0.5 / steep.cutoff)))
+    found = _found("steep_low_pass", cutoff=steep.cutoff / scene.dt, order=steep.order)
+    if counts:
+        found = found._replace(variant=ROUNDED)
+    return (Reading(found, steep.log_bayes, np.zeros(len(y), bool), False), *counts)
+
+
 def _shown_by(masked, name, **values):
     """A `Reading` that samples (N,) show, which say nothing else."""
     return Reading(_found(name, **values), COINCIDENCE * float(masked.sum()), masked,
@@ -189,7 +223,7 @@ def compared(scene, own, simulated=None):
     for one in own:
         name, shown = one.name, seen.get(one.name)
         mine = Reading(one, 0.0, np.zeros(len(scene.y), bool), False)
-        if shown and _alike(one.values, shown.found.values, len(scene.y)):
+        if shown and _alike(scene, one.values, shown.found.values):
             had[name] = seen[name] = shown._replace(log_bayes=0.0)
         elif not shown and measured and name == "quantization" and adds_noise(
                 scene.y, one.values["lsb"]):
@@ -217,20 +251,27 @@ AT_TIMES = "stuck", "dropouts"    # what the next record need not show
 ALIKE = 0.02    # relative: two counts or limits that are the same
 WRONG = dict(quantization="lsb", repeated_samples="frequency",
              interpolated_samples="frequency", saturation="limits",
-             moving_average="window", differential_nonlinearity="codes")
+             moving_average="window", differential_nonlinearity="codes",
+             steep_low_pass="cutoff")
+OTHER = dict(moving_average="times", steep_low_pass="order")
 NONE = dict(    # the values of a reading that does nothing
     quantization=lambda scene: dict(lsb=lattice(scene.y)),
     repeated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi),
     interpolated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi,
                                             order=1),
-    moving_average=lambda scene: dict(window=scene.dt, times=1))
+    moving_average=lambda scene: dict(window=scene.dt, times=1),
+    steep_low_pass=lambda scene: dict(cutoff=0.5 / scene.dt, order=1))
 
 
-def _alike(own, seen, samples):
-    """Is a reading of the simulator that of a record of so many samples? Where samples
-    stick, repeat or are lost may differ, what stands for lost ones, and which codes are
-    met; a rate at random is counted.
+def _alike(scene, own, seen):
+    """Is a reading of the simulator that of the record of a scene? Where samples stick,
+    repeat or are lost may differ, what stands for lost ones, and which codes are met; a
+    rate at random is counted.
     """
+    if "cutoff" in own:
+        return log_odds_of_another(scene.y, own["cutoff"] * scene.dt, own["order"]
+                                   ) < CERTAIN
+    samples = len(scene.y)
     at_random = seen.get("phase", 0.0) is None
     rtol = ALIKE + (2.0 / np.sqrt(samples) if at_random else 0.0)
     return all(symbol in ("spans", "phase", "codes", "order", "value")
@@ -245,6 +286,9 @@ def _would_show(scene, one):
     if one.name == "moving_average":
         return FEWEST_TAPS * scene.dt <= one.values["window"] <= (
             scene.duration / FEWEST_TURNS)
+    if one.name == "steep_low_pass":
+        return one.values["cutoff"] * scene.dt < HIGHEST and (
+            len(scene.y) >= FEWEST_SAMPLES)
     return len(scene.y) * (1.0 - one.values["frequency"] * scene.dt) > 2.0 * FEWEST
 
 
@@ -397,4 +441,7 @@ def without_readings(scene, y, seen):
     for one in seen:
         if one.is_average:
             y = undone(y, *taps_and_times(scene, **one.found.values), one.counts)
+        if one.is_steep:
+            y = filled(y, one.found.values["cutoff"] * scene.dt,
+                       one.found.values["order"], one.white)
     return y
