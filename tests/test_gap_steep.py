@@ -1,5 +1,5 @@
-"""A low-pass of third order or more is seen, filled in, named and held against a record;
-filters by scipy, records by hand.
+"""A low-pass of third order or more is seen, filled in, named and held against a
+record; filters by scipy, records by hand.
 """
 
 import numpy as np

@@ -121,9 +121,9 @@ def readings(scene):
     between = interpolated(y)
     average = averaged_over(y) if not between.every else Average()
     repeats = repeated(y) if not average.taps else None
-    polled = repeats and repeats.own.any() and repeats.phase is not None
-    steep = Steep() if polled else steep_low_pass(
-        np.where(between.own, np.nan, y), average.taps and (average.taps, average.times))
+    at_a_rate = between.every or repeats and repeats.polled
+    steep = Steep() if at_a_rate else steep_low_pass(
+        y, average.taps and (average.taps, average.times))
     if steep.order:    # of what was read before it, no value but counts shows anything
         return (*seen, *_low_passed(scene, y, steep))
     if average.taps:
@@ -343,6 +343,8 @@ def _found(name, **values):
 def recorded(y, dt, columns):
     """`Scene` of a record (N,) and its columns as they were recorded."""
     given, y = y, less_resampling(y)
+    if y is not given and steep_low_pass(given).order:    # merely smooth
+        y = given
     lost = dropouts(y).own
     sensed = np.where(lost, np.nan, y)
     lsb, noise = lattice_and_noise(sensed)

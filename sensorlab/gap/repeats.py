@@ -22,6 +22,11 @@ class Repeats(NamedTuple):
     rate: float        # how many of all samples are new
     phase: float       # of the new ones, in turns; None where they come at random
 
+    @property
+    def polled(self):
+        """Has the sensor a rate of its own?"""
+        return self.phase is not None and bool(self.own.any())
+
 
 def repeated(y):
     """`Repeats` of a record (N,): at a rate of its own, else at random, if any."""

@@ -61,7 +61,8 @@ def steep_low_pass(y, average=None):
     order, log_floor = np.exp(steep.x[-1]), steep.x[2]
     if gain < CERTAIN or order < LOWEST_ORDER - 0.5 or log_floor > np.log(FALLEN):
         return Steep()
-    log_tan, log_order = _likeliest(_butterworth, edge, TELLS_SHAPE, steep.x[-2:]).x[-2:]
+    shape = _likeliest(_butterworth, edge, TELLS_SHAPE, steep.x[-2:])
+    log_tan, log_order = shape.x[-2:]
     order = int(np.clip(round(np.exp(log_order)), LOWEST_ORDER, HIGHEST_ORDER))
     whole = _likeliest(_of_order(order), edge, TELLS_SHAPE, [log_tan])
     cutoff = float(np.arctan(np.exp(whole.x[-1])) / np.pi)
