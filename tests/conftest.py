@@ -32,6 +32,11 @@ def large(*values):
     return pytest.param(*values, marks=pytest.mark.large)
 
 
+def thorough(*values):
+    """A setting of a test that only `pytest -m thorough` runs."""
+    return pytest.param(*values, marks=pytest.mark.thorough)
+
+
 def paper_case(number, **change):
     """The two hypotheses of Sec. 4 in case 1, 2 or 3."""
     white = {1: {}, 2: {"sigma_v": 0.5}, 3: {"sigma_v": (0.25, 1.0)}}[number]

@@ -65,6 +65,7 @@ def test_missing_samples_leave_out_their_pairs_of_clusters():
     assert np.isnan(s.allan_variance(np.where(np.arange(9) % 2, np.nan, 1.0), 1.0, 2))
 
 
+@pytest.mark.large
 def test_one_gap_hides_no_misfit():
     h = s.hypothesis("white_noise", sigma_v=(0.3, 3.0))
     truth = s.hypothesis("random_walk", sigma_w=0.02, sigma_v=1.0)

@@ -155,6 +155,7 @@ def test_the_kernels_agree_also_after_gains_have_converged():
                     rtol=1e-11)
 
 
+@pytest.mark.large
 def test_results_are_the_same_bits_for_any_stops_trials_and_threads(tmp_path):
     h = paper_case(3)[1]
     g = s.grid(h, 0.1, 9)

@@ -82,7 +82,7 @@ def test_functions_of_libraries_and_classes_of_a_user_have_a_key(tmp_path):
     assert [a == b for a, b in zip(one, three)] == [True, False, False, True, True]
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_kept_trials_of_other_algorithms_are_found_again(tmp_path):
     code = """
         from sensorlab import ALGORITHMS
@@ -97,6 +97,7 @@ def test_kept_trials_of_other_algorithms_are_found_again(tmp_path):
     assert first and keys_in_another_process(tmp_path, code) == first
 
 
+@pytest.mark.large
 def test_another_closure_is_another_run(tmp_path):
     def algorithm(choice):
         return lambda y, dt, hypotheses: (choice, [np.array([p.mean for p in

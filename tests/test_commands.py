@@ -61,6 +61,7 @@ def test_identify_names_the_model_and_writes_what_it_says(folder, capsys):
     assert np.load("s.npz")["error"].shape == (2, 20000)
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("compose", [[], ["--compose"]])
 @pytest.mark.parametrize("offset", [0.0, 0.5])
 def test_a_saved_model_has_the_bias_that_its_record_has(folder, compose, offset):
@@ -82,6 +83,7 @@ def test_a_record_that_no_hypothesis_describes_is_told(folder, capsys):
     assert "no hypothesis describes this record" not in capsys.readouterr().out
 
 
+@pytest.mark.large
 def test_a_record_is_composed_of_what_it_needs(folder, capsys):
     rng = np.random.default_rng(1)
     y = 0.8 * np.round((rng.standard_normal(3000) + 0.4 * np.sin(
@@ -121,6 +123,7 @@ def test_a_long_record_is_cut_and_averaged(folder, capsys):
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.large
 def test_a_constant_that_stands_for_lost_samples_is_told_of_and_left_out(folder,
                                                                          capsys):
     rng = np.random.default_rng(3)
@@ -150,6 +153,7 @@ def test_a_constant_that_stands_for_lost_samples_is_told_of_and_left_out(folder,
     assert "nan is not a number" in capsys.readouterr().err
 
 
+@pytest.mark.large
 def test_what_stands_for_lost_samples_of_a_column_is_interpolated(folder, capsys):
     rng = np.random.default_rng(3)
     T = 20.0 + 5.0 * np.sin(np.arange(2000) / 300.0)
@@ -175,6 +179,7 @@ def test_criteria_writes_curves(folder):
     assert len(result["time"]) == len(result["error_probability"]["calculated"])
 
 
+@pytest.mark.large
 def test_a_reader_that_has_had_enough_ends_the_command_quietly(folder):
     done = subprocess.run(
         f"{sys.executable} {s.__file__} criteria m.json --duration 20 --trials 16 | "
@@ -182,6 +187,7 @@ def test_a_reader_that_has_had_enough_ends_the_command_quietly(folder):
     assert "ipe" not in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.large
 def test_criteria_compare_algorithms_and_answer_targets(folder, capsys):
     assert main("criteria m.json --duration 200 --trials 32 --algorithms slopes,aic "
                   "--json c.json --plot c.png".split()) == 0
@@ -380,6 +386,7 @@ def test_a_real_gyro_is_identified(real, tmp_path, monkeypatch, capsys):
     assert "no hypothesis describes this record" in capsys.readouterr().out
 
 
+@pytest.mark.large
 def test_diagnose_writes_what_simulate_draws(tmp_path, capsys):
     record = generator.record(600, 2, ["temperature"], level=4)
     np.savez(tmp_path / "r.npz", dt=DT, **{k: record[k] for k in (
@@ -450,6 +457,7 @@ def test_diagnose_says_what_is_wrong_with_its_input(tmp_path, capsys):
         assert message in error and error.count("\n") == 1
 
 
+@pytest.mark.large
 def test_a_model_with_effects_is_diagnosed_beyond_them(tmp_path, capsys):
     noise = dict(name="correlated_noise", parameters=dict(tau=9.0, sigma=0.8))
     step = dict(name="bias_step", parameters=dict(onset=700.0, size=6.0))
@@ -506,6 +514,7 @@ def test_effects_are_defined_on_request(tmp_path, capsys):
     assert "onset: uniform" not in plain
 
 
+@pytest.mark.large
 def test_a_black_box_simulator_is_taken_by_its_records(tmp_path, capsys):
     simulated = s.simulate(CASE_3[:1], DT, 2000, 4, seed=2).error
     np.savez(tmp_path / "s.npz", error=simulated, dt=DT)

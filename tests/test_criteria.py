@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from conftest import large, paper_case, same
+from conftest import paper_case, same, thorough
 from numpy.testing import assert_allclose
 
 import sensorid as s
@@ -10,7 +10,7 @@ def curves(c):
     return dict(zip(("error", *c.labels), (c.error_probability, *c.rsd)))
 
 
-@pytest.mark.parametrize("number", [1, 2, large(3)])
+@pytest.mark.parametrize("number", [1, 2, thorough(3)])
 def test_real_and_calculated_criteria_coincide(number):
     """The paper's own test of validity, for every parameter at several times.
 
@@ -34,6 +34,7 @@ def test_few_samples_leave_what_is_known_a_priori():
         assert abs(told / (p.sd / p.mean) - 1.0) < 0.01
 
 
+@pytest.mark.large
 def test_case_2_at_a_tenth_of_a_second_has_the_known_values():
     """Error about 1 %, RSD of sigma_w 2.2 %, tau_m 33 %, sigma_m 18 % (independent
     run)."""
@@ -66,6 +67,7 @@ def test_a_coarse_uniform_grid_separates_real_and_calculated():
     assert c.error_probability.z[0] > 4
 
 
+@pytest.mark.large
 def test_criteria_are_the_same_bits_for_any_chunks(monkeypatch):
     H = paper_case(3)
     whole = s.criteria(H, 1.0, 200.0, 150, seed=4)
@@ -141,7 +143,7 @@ def test_senseless_runs_are_refused(change, message):
         s.criteria(paper_case(2), **arguments)
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 # ---- how long must be recorded
 
 def test_criteria_meet_their_targets_at_the_length_that_is_named():

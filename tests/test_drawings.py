@@ -76,6 +76,7 @@ def test_each_kind_of_effect_is_shown_in_its_own_way(answers):
     assert label["outliers"] == "residual, sd" and label["quantization"] == "time, s"
 
 
+@pytest.mark.large
 def test_lost_samples_are_marked_below_a_record_that_is_shown_without_them():
     rng = np.random.default_rng(1)
     lost = rng.random(800) < 0.03

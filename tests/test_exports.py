@@ -425,7 +425,7 @@ def test_records_of_kalibr_have_no_gap_to_the_model(sensor):
     assert found["none"] >= 7 and found["none"] + found["undecided"] == 8, found
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_records_of_gazebo_have_no_gap_to_the_model_and_a_wrong_key_is_found(sensor):
     a = sensor(MARKOV | dict(parameters=SLOW))
     block = xml.etree.ElementTree.fromstring(
@@ -440,7 +440,7 @@ def test_records_of_gazebo_have_no_gap_to_the_model_and_a_wrong_key_is_found(sen
     assert found["wrong_parameter"] >= 7, found
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_the_bound_of_one_run_holds_on_the_next(real):
     """Gyroscope x of the ADIS16405: a filter with the bound of run 1 on run 2."""
     def record(run):

@@ -42,6 +42,7 @@ def run(shell, **options):
                           capture_output=True, text=True, **options)
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("shell, status", [
     ("PYTHONIOENCODING=ascii COMMAND", 0), ("COMMAND >&-", 0),
     ("COMMAND | true; exit ${PIPESTATUS[0]}", 141), ("COMMAND > /dev/full", 2)])
@@ -53,6 +54,7 @@ def test_an_output_that_cannot_be_printed_loses_nothing(here, shell, status):
         assert "\\xb5g/\\u221aHz" in done.stdout
 
 
+@pytest.mark.large
 def test_an_answer_goes_through_a_pipe(here):
     done = run("COMMAND --json /dev/stdout | cat")
     assert done.returncode == 0 and not done.stderr
@@ -87,6 +89,7 @@ def test_a_pipe_is_no_record_and_says_so(here):
     assert done.returncode == 2 and "a pipe or a device" in done.stderr
 
 
+@pytest.mark.large
 def test_a_name_that_is_no_unicode_is_no_obstacle(here):
     name = b"caf\xe9.npz".decode(errors="surrogateescape")
     os.rename("r.npz", name)

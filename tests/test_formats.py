@@ -93,7 +93,8 @@ def write_ros2(folder, plugin):
                 message, "sensor_msgs/msg/Imu"))
 
 
-@pytest.mark.parametrize("kind", ["bag", large("sqlite3"), "mcap", large("folder")])
+@pytest.mark.parametrize("kind", [
+    "bag", large("sqlite3"), large("mcap"), large("folder")])
 def test_ros_bags_of_both_versions_and_mcap(tmp_path, kind):
     pytest.importorskip("rosbags")
     if kind == "bag":
@@ -222,6 +223,7 @@ def test_a_library_that_is_not_there_is_named(tmp_path, monkeypatch):
         read(tmp_path / "r.ulg")
 
 
+@pytest.mark.large
 def test_a_reader_takes_no_more_memory_than_it_may(tmp_path, monkeypatch):
     savemat(tmp_path / "r.mat", dict(error=np.zeros(2 * 10**8, np.uint8)),
             do_compression=True)

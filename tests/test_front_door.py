@@ -44,6 +44,7 @@ def alone(folder, *arguments):
                           capture_output=True, text=True)
 
 
+@pytest.mark.large
 def test_the_module_alone_identifies_a_plain_csv(record):
     done = alone(record, "identify", "r.csv")
     assert done.returncode == 0, done.stderr

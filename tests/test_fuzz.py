@@ -217,6 +217,7 @@ def test_any_json_is_a_model_or_a_sentence(tmp_path, tree):
     model_or_sentence(tmp_path / "m.json", tree)
 
 
+@pytest.mark.large
 @fuzzed
 @given(tree=models(), data=st.data())
 def test_a_model_survives_and_one_wrong_value_is_refused_or_sound(tmp_path, tree, data):

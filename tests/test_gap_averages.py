@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import large
+from conftest import thorough
 from numpy.testing import assert_allclose
 from scipy import signal
 
@@ -133,8 +133,10 @@ def test_the_reading_is_the_mean_of_a_window_that_ends_with_the_sample():
 
 
 @pytest.mark.parametrize("effect, n", [
-    ("none", 10), ("bias_step", 5), *(large(effect, n) for n in (5, 20) for effect in (
-        "sinusoid", "outliers", "random_telegraph", "noise_step", "quantization"))])
+    ("none", 10), ("bias_step", 5), *(
+        thorough(effect, n) for n in (5, 20) for effect in (
+            "sinusoid", "outliers", "random_telegraph", "noise_step",
+            "quantization"))])
 def test_what_went_through_an_average_is_named_beside_it(effect, n):
     rng, y = np.random.default_rng(n), raw(7)
     t = DT * np.arange(len(y))
@@ -155,8 +157,9 @@ def test_what_went_through_an_average_is_named_beside_it(effect, n):
         assert abs(values["bias_step"]["onset"][0] - 12.0 + 0.01 * (99 - n + 1)) < 0.2
 
 
-@pytest.mark.parametrize("effect, n", [("none", 8), *(large(effect, n) for effect in (
-    "bias_step", "sinusoid", "noise_step") for n in (4, 16))])
+@pytest.mark.parametrize("effect, n", [("none", 8), *(
+    thorough(effect, n) for effect in ("bias_step", "sinusoid", "noise_step")
+    for n in (4, 16))])
 def test_what_went_through_an_average_that_was_rounded_is_named(effect, n):
     rng, y = np.random.default_rng(n), raw(7)
     t = DT * np.arange(len(y))
@@ -191,6 +194,7 @@ def test_an_average_of_the_simulator_is_held_against_a_record(
         assert values["factor"][0] == pytest.approx(factor)
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("counts", [0.0, 0.05])
 def test_the_mean_of_means_is_named_and_held_against_a_record(counts):
     def record(seed, times):

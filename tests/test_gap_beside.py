@@ -3,7 +3,7 @@
 import generator
 import numpy as np
 import pytest
-from conftest import DT, diagnosed, large, member
+from conftest import DT, diagnosed, large, member, thorough
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sensorid
@@ -28,7 +28,7 @@ def effect(name):
     return Found(one, values=values if one.columns else fixed(**values))
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("known, missing", [
     ("bandwidth", "noise_step"), ("noise_step", "bandwidth"), ("outliers", "ringing"),
     ("narrow_band_noise", "bias_instability"), ("narrow_band_noise", "noise_bursts"),
@@ -48,9 +48,9 @@ def test_what_is_missing_is_named_beside_what_is_known(known, missing):
 
 
 @pytest.mark.parametrize("missing", [
-    dict(name="bias_step", onset=1500.0, size=0.6),
-    large(dict(name="correlated_noise", tau=30.0, sigma=0.3)),
-    dict(name="rate_ramp", slope=3e-4)])
+    large(dict(name="bias_step", onset=1500.0, size=0.6)),
+    thorough(dict(name="correlated_noise", tau=30.0, sigma=0.3)),
+    large(dict(name="rate_ramp", slope=3e-4))])
 def test_a_level_of_two_values_does_not_hide_what_is_slow(missing):
     one = CATALOGUE[missing.pop("name")]
     level = Found(CATALOGUE["random_telegraph"], values=fixed(dwell=150.0, size=1.0))
@@ -65,6 +65,7 @@ def test_a_level_of_two_values_does_not_hide_what_is_slow(missing):
         assert abs(mean - missing[symbol]) < 4.0 * sd < 2.0 * missing[symbol], symbol
 
 
+@pytest.mark.large
 def test_a_process_is_found_beside_a_change_of_noise_at_an_unknown_time():
     made = generator.record(2026, 1370, ("correlated_noise", "noise_step"), 3)
     d = diagnosed(made, effects=[CATALOGUE[name] for name in made["truth"]])
@@ -72,7 +73,7 @@ def test_a_process_is_found_beside_a_change_of_noise_at_an_unknown_time():
 
 
 @pytest.mark.parametrize("names", [("walk_step", "sinusoid"),
-                                   large(("outliers", "random_steps"))])
+                                   thorough(("outliers", "random_steps"))])
 def test_what_is_strong_does_not_keep_another_from_being_sought(names):
     """A walk that changes shows in no spectrum; outliers are two steps each."""
     values = dict(walk_step=dict(onset=2500.0, ratio=4.0), outliers=SIZES["outliers"],

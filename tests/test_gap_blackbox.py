@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import DT, WHITE, dense, large
+from conftest import DT, WHITE, dense, large, thorough
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
@@ -37,6 +37,7 @@ def known():
     return y, sensorlab.simulator_from(y[None], DT)
 
 
+@pytest.mark.large
 def test_a_record_beside_itself_has_no_gap(known):
     y, simulator = known
     assert "quantization" in [one.name for one in simulator.effects[0]]
@@ -60,7 +61,7 @@ def vibrating(rng, n, frequency=1.3, amplitude=0.6):
         2.0 * np.pi * frequency * t + rng.uniform(0.0, 6.0))
 
 
-@pytest.mark.parametrize("seed", [1003, large(1004), large(1001), large(1006)])
+@pytest.mark.parametrize("seed", [1003, thorough(1004), thorough(1001), thorough(1006)])
 def test_a_line_is_known_no_better_than_a_short_record_tells(seed):
     rng = np.random.default_rng(seed)
     theirs, y = vibrating(rng, 500), vibrating(rng, 2500)
@@ -78,6 +79,7 @@ def test_a_line_is_known_no_better_than_a_short_record_tells(seed):
     assert d.verdict == "none" and not d.shared
 
 
+@pytest.mark.large
 def test_a_line_that_moved_is_no_gap_and_is_told_of():
     rng = np.random.default_rng(7)
     theirs, y = vibrating(rng, 1000, 1.4), vibrating(rng, 1000, 1.3, 0.8)
@@ -102,7 +104,7 @@ def test_a_parameter_that_moved_leaves_no_gap_behind(known):
     assert d.verdict == "wrong_parameter" and d.remainder.where == -1
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_process_at_an_end_of_its_range_does_not_stand_for_a_filter():
     # noise of which neighbours have a part in common, as after a short filter: a Markov
     # process cannot be as fast
@@ -113,7 +115,7 @@ def test_a_process_at_an_end_of_its_range_does_not_stand_for_a_filter():
     assert sensorlab.diagnose(other, DT, simulator).verdict == "none"
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_line_that_moved_is_no_other_line(known):
     y, simulator = known
     assert "sinusoid" in [one.name for one in simulator.effects[0]]
@@ -123,7 +125,7 @@ def test_a_line_that_moved_is_no_other_line(known):
         assert d.verdict == verdict
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_line_that_all_their_records_have_at_one_frequency_is_missed_elsewhere():
     """And theirs is gone."""
     own = np.array([sensor(np.random.default_rng(k)) for k in range(3)])
@@ -229,7 +231,7 @@ def slow_noise(rng, tau, sigma, n=1500):
                    rng.standard_normal(n + 200))[200:]
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_noise_hides_in_no_corner_of_the_ranges():
     # each range of its slow noise holds what is put in, but no record of it is both as
     # fast and as strong
@@ -244,7 +246,7 @@ def test_noise_hides_in_no_corner_of_the_ranges():
         assert d.verdict == verdict
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_walk_that_was_described_as_a_drift_is_not_surely_missing():
     h = sensorid.hypothesis("random_walk", sigma_w=0.014, sigma_v=1.0)
     theirs, y = (sensorid.simulate([h], DT, n, seed=seed).error[0]
@@ -335,6 +337,7 @@ def test_a_line_of_several_records_has_the_amplitude_that_they_tell(times, verdi
         assert abs(one.values["factor"][0] - times) < 0.3
 
 
+@pytest.mark.large
 def test_a_stronger_effect_than_theirs_is_not_shared():
     rng = np.random.default_rng(1)
     theirs, y = rng.standard_normal((2, 3000))
@@ -366,7 +369,7 @@ def behind_a_filter(rng, tau, lsb, n=2000):
                           * np.sqrt((1.0 + a) / (1.0 - a)) / lsb)
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_what_their_record_shows_weakly_is_no_gap():
     # of six records of one law, that which shows the low-pass least
     rng = np.random.default_rng(5)
@@ -387,6 +390,7 @@ def test_counts_that_both_have_are_no_gap_where_one_is_smoother():
     assert d.verdict == "bandwidth"
 
 
+@pytest.mark.large
 def test_a_factor_on_counts_coarser_than_the_noise_and_on_the_noise_is_named():
     """What such counts leave of the simulator's noise says nothing of this record."""
     def counts(seed):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import large
+from conftest import large, thorough
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import lfilter
 from scipy.stats import norm
@@ -84,7 +84,8 @@ def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
         assert_allclose(seen, high)
 
 
-@pytest.mark.parametrize("lsb, share", [(0.4, 0.1), large(0.6, 0.1), large(0.25, 0.03)])
+@pytest.mark.parametrize("lsb, share", [
+    large(0.4, 0.1), thorough(0.6, 0.1), thorough(0.25, 0.03)])
 def test_a_limit_shows_where_a_walk_wanders_beyond(lsb, share):
     """Which codes next to the last one are met most hangs on where it was for long."""
     found = 0
@@ -100,7 +101,7 @@ def test_a_limit_shows_where_a_walk_wanders_beyond(lsb, share):
     assert found > 10
 
 
-@pytest.mark.parametrize("scatter", [8.0, large(30.0)])
+@pytest.mark.parametrize("scatter", [8.0, thorough(30.0)])
 def test_what_is_folded_or_begins_again_at_its_other_end_has_no_limit(scatter):
     rng = np.random.default_rng(6)
     for _ in range(20):

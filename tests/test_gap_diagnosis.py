@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 from conftest import (
-    DT, MODEL, WHITE, WHITE_OF_A_RANGE, diagnosed, large, member, white_with)
+    DT, MODEL, WHITE, WHITE_OF_A_RANGE, diagnosed, large, member, thorough, white_with)
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
@@ -108,7 +108,7 @@ def test_what_stands_out_beside_a_wrong_effect_only_is_not_unknown():
     assert d.before.p_value > 0.1 and d.verdict in ("none", "undecided")
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_where_in_its_ranges_the_simulator_lies_is_no_effect():
     corner = [sensorid.hypothesis("markov", tau_m=60.0, sigma_m=1.5, sigma_v=1.0)]
     all_of = [sensorlab.diagnose(y, DT, MODEL) for y in sensorid.simulate(
@@ -119,12 +119,13 @@ def test_where_in_its_ranges_the_simulator_lies_is_no_effect():
     assert sum(v not in ("none", "undecided") for v in said) <= 1, said
 
 
+@pytest.mark.large
 def test_an_effect_outside_the_catalogue_is_unknown():
     assert diagnosed(generator.record(300, 1, ["skewed_noise"], level=4)).verdict in (
         "unknown", "undecided")
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("effect", ["garch", "chirp", "cubic_temperature"])
 def test_what_a_neighbour_does_not_explain_is_left(effect):
     """A neighbour stands beside it: noise that has two levels, a colour that stays, the
@@ -136,7 +137,7 @@ def test_what_a_neighbour_does_not_explain_is_left(effect):
 
 
 @pytest.mark.parametrize("count, size, seed", [
-    (20, 1.0, 8), large(8, 0.8, 8), large(40, 0.6, 8), large(5, 1.0, 9)])
+    (20, 1.0, 8), thorough(8, 0.8, 8), thorough(40, 0.6, 8), thorough(5, 1.0, 9)])
 def test_steps_that_noise_hides_at_first_are_no_telegraph_on_a_walk(count, size, seed):
     rng = np.random.default_rng(seed)
     y = rng.standard_normal(4000)
@@ -145,7 +146,8 @@ def test_steps_that_noise_hides_at_first_are_no_telegraph_on_a_walk(count, size,
     assert sensorlab.diagnose(y, DT, WHITE_OF_A_RANGE).verdict == "random_steps"
 
 
-@pytest.mark.parametrize("seed", [905, large(900), large(901), large(904), large(906)])
+@pytest.mark.parametrize("seed", [
+    large(905), *map(thorough, (900, 901, 904, 906))])
 def test_three_steps_of_either_sign_have_a_time_each(seed):
     """A pulse, a telegraph on a walk, or steps at random tell more than the first."""
     rng = np.random.default_rng(seed)
@@ -164,7 +166,7 @@ def test_one_step_is_none_at_random():
     assert d.verdict == "unknown"
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("dwell, sigma", [(300.0, 4.0), (60.0, 3.0)])
 def test_a_level_that_steps_at_random_is_named(dwell, sigma):
     record, rng = generator.record(640, 4), np.random.default_rng(6)
@@ -178,7 +180,7 @@ def test_a_level_that_steps_at_random_is_named(dwell, sigma):
         assert abs(mean - truth) < 3.0 * sd, name
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("quiet, duration, sigma", [
     (400.0, 60.0, 1.6), (300.0, 20.0, 3.0)])
 def test_bursts_of_noise_are_named(quiet, duration, sigma):
@@ -199,7 +201,7 @@ def test_bursts_of_noise_are_named(quiet, duration, sigma):
                                          "noise_bursts+bias_step")
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_noise_that_is_quiet_at_times_comes_in_bursts():
     record, rng = generator.record(640, 3), np.random.default_rng(5)
     loud = np.arange(generator.N) % 700 > 60
@@ -225,8 +227,8 @@ def test_what_drifts_returns_or_lags_is_named(effect):
 
 
 @pytest.mark.parametrize("lag, column", [
-    ("delay", "rate"), large("first order", "acceleration"),
-    large("second order", "pressure"), large("reference", "rate")])
+    ("delay", "rate"), thorough("first order", "acceleration"),
+    thorough("second order", "pressure"), thorough("reference", "rate")])
 def test_a_lag_is_no_hysteresis(lag, column):
     """A sensor that follows a motion 12 s late, or a reference that does; dt is 1 s."""
     record, tau, t = generator.record(630, 2), 12.0, np.arange(generator.N)
@@ -271,7 +273,8 @@ def test_what_a_calibration_finds_is_named(effect, column):
 
 
 @pytest.mark.parametrize("name, variant", [
-    ("rate", "square"), large("temperature", "value"), large("pressure", "value")])
+    large("rate", "square"), thorough("temperature", "value"),
+    thorough("pressure", "value")])
 def test_noise_that_follows_a_column_is_no_burst(name, variant):
     """Whether it grows with the size of a motion or, by so many per cent a kelvin, with
     a temperature; and the next record of that sensor, of another motion, is as told.
@@ -303,7 +306,7 @@ def test_noise_that_follows_a_column_is_no_burst(name, variant):
     assert again.verdict == "none"
 
 
-@pytest.mark.parametrize("low_passed", [False, large(True)])
+@pytest.mark.parametrize("low_passed", [False, thorough(True)])
 def test_noise_that_grows_is_no_step(low_passed):
     rng, t = np.random.default_rng(1), np.arange(3000.0)
     y = 2.5**(t / 3000.0) * rng.standard_normal(3000)
@@ -353,7 +356,7 @@ def test_a_simulator_whose_low_passed_noise_changes_twice_is_refused():
         sensorlab.diagnose(y, 1.0, sensorlab.Simulator(tuple(WHITE), (effects[2:],)))
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_noise_of_another_law_is_no_wrong_parameter():
     # of the variance that the simulator has, to a fiftieth
     y = np.random.default_rng(1).laplace(scale=0.5**0.5, size=3000)
@@ -399,7 +402,7 @@ def test_a_colour_is_named(effect, variant, values):
 
 @pytest.mark.parametrize("effect, variant, values, seed", [
     ("sinusoid", "", dict(frequency=0.0731, amplitude=0.35, phase=0.3), 0),
-    *(large(*own) for own in (
+    *(thorough(*own) for own in (
         ("bandwidth", "first order", dict(tau=1.5), 0),
         ("bandwidth", "first order", dict(tau=1.5), 1),
         ("narrow_band_noise", "", dict(frequency=0.12, tau=60.0, sigma=0.6), 1),
@@ -439,7 +442,7 @@ def test_the_frequency_of_a_line_within_a_range_is_that_of_the_record():
         sensorlab.diagnose(y, 1.0, sensorlab.Simulator(tuple(WHITE), ((step,),)))
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_another_form_of_a_low_pass_is_a_wrong_parameter():
     low_pass = Found(EFFECTS["bandwidth"], "", "first order", fixed(tau=0.6))
     simulator = sensorlab.Simulator(tuple(WHITE_OF_A_RANGE), ((low_pass,),))
@@ -457,7 +460,7 @@ def test_another_form_of_a_low_pass_is_a_wrong_parameter():
     assert sensorlab.diagnose(y, DT, sensorlab.augmented(d)).verdict == "none"
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("ratio", [5.0, 0.2])
 def test_a_change_of_what_drives_a_walk_is_named(ratio, tmp_path):
     """No line, and no drift, is seen in the louder part of it."""
@@ -478,7 +481,7 @@ def test_a_change_of_what_drives_a_walk_is_named(ratio, tmp_path):
     assert sensorlab.diagnose(y, DT, saved).verdict in ("none", "undecided")
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_two_bands_are_two_and_stay_two_in_a_file(tmp_path):
     bands = [Found(EFFECTS["narrow_band_noise"], values=fixed(
         frequency=f, tau=25.0, sigma=0.5)) for f in (0.07, 0.31)]
@@ -525,7 +528,7 @@ def test_a_wrong_parameter_is_named_with_its_factor():
     assert abs(factor - 0.5 / 7.0) < 3.0 * sd
 
 
-@pytest.mark.parametrize("units", [1e-3, large(57.3), large(499.0)])
+@pytest.mark.parametrize("units", [1e-3, thorough(57.3), thorough(499.0)])
 def test_a_factor_is_known_no_better_than_the_ranges_of_a_simulator(units):
     """The record tells sigma_v and sigma_w times the factor f. Of a wide uniform prior
     of both, its law is that of f times 1 / f^2 while sigma_v is in its range.
@@ -546,7 +549,7 @@ def test_a_factor_is_known_no_better_than_the_ranges_of_a_simulator(units):
     assert abs(factor - mean) < 0.25 * sd and abs(told / sd - 1.0) < 0.25
 
 
-@pytest.mark.parametrize("known_to", [large(0.0), 0.003])
+@pytest.mark.parametrize("known_to", [thorough(0.0), 0.003])
 def test_a_parameter_of_an_effect_of_the_simulator_may_be_wrong(known_to):
     band, h = sensorlab.CATALOGUE["narrow_band_noise"], sensorid.hypothesis(
         "white_noise", sigma_v=0.5)
@@ -625,7 +628,7 @@ def test_wrong_units_are_one_factor_on_all_standard_deviations():
     assert again.verdict in ("none", "undecided")
 
 
-@pytest.mark.parametrize("factor", [57.2958, large(1.0 / 206.265)])
+@pytest.mark.parametrize("factor", [57.2958, thorough(1.0 / 206.265)])
 def test_units_are_told_where_a_simulator_has_wide_ranges(factor):
     """Either end of a range is so far off that no slope there tells the way."""
     y = factor * sensorid.simulate([sensorid.hypothesis(
@@ -704,6 +707,7 @@ def test_a_gap_belongs_to_the_hypothesis_that_it_is_measured_of(monkeypatch):
     assert d.final.best == expected.final.best
 
 
+@pytest.mark.large
 def test_a_pulse_is_estimated_beside_what_stays():
     """A first look takes it for correlated noise, which is dropped: a pulse that is
     found beside that is longer than it is.
@@ -721,7 +725,7 @@ def test_a_pulse_is_estimated_beside_what_stays():
     assert abs(mean - onset) < 0.6 and 0.2 < sd < 0.6
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("size, seed", [(2.5, 0), (2.5, 2), (5.0, 0), (5.0, 4)])
 def test_a_telegraph_on_a_bias_is_named(size, seed):
     rng = np.random.default_rng([seed, 5])
@@ -734,7 +738,7 @@ def test_a_telegraph_on_a_bias_is_named(size, seed):
     assert abs(told - size) < 3.0 * sd < 0.2
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_two_steps_and_a_pulse_are_no_telegraph():
     rng = np.random.default_rng(0)
     y = np.cumsum(0.05 * rng.standard_normal(1000)) + 0.5 * rng.standard_normal(1000)
@@ -777,7 +781,7 @@ def test_what_happened_once_is_there_or_not_in_another_record(name):
     assert sensorlab.diagnose(y, 1.0, model).verdict == "none"
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("sigma_w, passes", [    # it, too, as in a sensor
     (0.02, False), (0.1, True)])
 def test_a_low_pass_is_seen_beside_a_walk(sigma_w, passes):
@@ -822,8 +826,8 @@ def test_a_walk_is_found_before_a_low_pass_and_behind_it(passes, form):
 
 @pytest.mark.parametrize("form, seed, b, a", [
     ("exponential", 5, [0.25], [1.0, -0.75]), ("digital", 3, *signal.butter(2, 0.1)),
-    *(large("exponential", seed, [0.25], [1.0, -0.75]) for seed in (2, 4)),
-    *(large("digital", seed, *signal.butter(2, 0.1)) for seed in (1, 6))])
+    *(thorough("exponential", seed, [0.25], [1.0, -0.75]) for seed in (2, 4)),
+    *(thorough("digital", seed, *signal.butter(2, 0.1)) for seed in (1, 6))])
 def test_a_low_pass_of_what_mostly_drifts_is_named(form, seed, b, a):
     """Next to such a drift, what it leaves at half the rate is as little as rounding.
     """
@@ -838,7 +842,7 @@ def test_a_low_pass_of_what_mostly_drifts_is_named(form, seed, b, a):
         assert abs(mean + 1.0 / np.log(0.75)) < 3.0 * sd < 0.5 * mean
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_outliers_behind_a_low_pass_do_not_hide_its_form():
     """They fill what it stops, until they are known."""
     rng = np.random.default_rng(6)
@@ -874,7 +878,7 @@ def test_a_factor_is_that_over_a_number_or_over_the_nearest_end(ends):
     assert abs(mean - 1.4 / over) < 3.0 * sd + 0.02
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_what_was_not_fitted_is_foretold_better():
     d = diagnosed(generator.record(500, 1, ["correlated_noise"], level=4))
     assert d.held_out.gain > 0.01
@@ -908,7 +912,7 @@ def test_a_coarse_lattice_is_seen_beside_an_effect_that_the_simulator_has():
         "correlated_noise", "quantization"]
 
 
-@pytest.mark.parametrize("seed", [0, large(1)])
+@pytest.mark.parametrize("seed", [0, thorough(1)])
 def test_counts_coarser_than_the_noise_are_told_from_what_lies_beneath(seed):
     # what rounding adds passes for bursts of noise, in both, if it is not looked at
     # what records without bursts have
@@ -1052,7 +1056,7 @@ def test_no_verdict_hangs_on_the_unit(unit):
         assert_allclose(probable(unit), probable(1.0), atol=0.01)
 
 
-@pytest.mark.parametrize("offset", [large(1e5), -1e9])
+@pytest.mark.parametrize("offset", [thorough(1e5), -1e9])
 def test_no_verdict_hangs_on_a_large_offset(offset):
     y = np.random.default_rng(3).normal(size=600) + 4.0 * (np.arange(600) > 250)
     near, far = (sensorlab.diagnose(y + b, DT, WHITE) for b in (0.0, offset))
@@ -1122,7 +1126,7 @@ def test_a_step_beside_limits_that_are_wrong_is_named_and_the_loop_closes():
     assert sensorlab.diagnose(y, DT, after, effects=some).verdict == "none"
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_false_start_is_no_burst_though_bursts_stand_in_for_it():
     rng = np.random.default_rng(1)
     y, loud = rng.standard_normal(2000), np.zeros(2000)
@@ -1145,7 +1149,7 @@ def test_a_record_in_another_unit_than_the_simulator_is_refused():
         sensorlab.diagnose(1e6 * y, DT, WHITE)
 
 
-@pytest.mark.parametrize("at", [0, large(-1)])
+@pytest.mark.parametrize("at", [0, thorough(-1)])
 def test_one_bad_sample_at_an_end_is_an_outlier_and_no_step(at):
     y = np.random.default_rng(5).standard_normal(1500)
     y[at] += 30.0

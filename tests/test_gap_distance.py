@@ -18,7 +18,7 @@ from sensorlab.gap import (
 from sensorlab.gap.members import members
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("steps", [0.0, 1.4])    # of a lattice, in the noise
 def test_p_values_of_records_without_an_effect_are_uniform(steps):
     p = []
@@ -226,7 +226,7 @@ def test_what_no_refit_follows_leaves_all_else_as_it_is():
     assert ruler.distances(T + 20.0, s).min() > 5.0
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_few_simulated_records_make_no_gap():
     p = []
     for k, y in enumerate(sensorid.simulate(MODEL, DT, 600, 100, seed=22).error):

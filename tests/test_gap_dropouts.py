@@ -84,6 +84,7 @@ def test_nothing_but_lost_samples_is_missing(value, missing):
     assert sum(n for _, n in values["spans"][0]) == LOST.sum()
 
 
+@pytest.mark.large
 def test_dropouts_that_both_have_are_no_gap():
     rng = np.random.default_rng(4)
     theirs, y = rng.standard_normal((2, 3000))

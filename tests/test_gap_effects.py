@@ -52,6 +52,7 @@ def butterworth(tau, times):
     return result
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("tau", [0.33, 0.5, 9.0])
 @pytest.mark.parametrize("variant", [
     "digital first order", "digital", "exponential"])

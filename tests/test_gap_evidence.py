@@ -130,6 +130,7 @@ def test_evidence_of_an_unknown_onset_is_the_sum_over_all(effect):
     assert abs(s.log_evidence[0] - exact) < 0.1
 
 
+@pytest.mark.large
 def test_evidence_of_an_unknown_onset_does_not_hang_on_the_seed():
     made = generator.record(77, 208, ["noise_step"], 2)
     h = member(Scene(made["error"] - made["error"].mean(), DT, {}), MODEL[0],

@@ -278,6 +278,7 @@ def test_bursts_of_noise_in_white_noise_are_a_hidden_markov_chain():
                     rtol=1e-9)
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("variant", [
     "second order", "digital", "digital first order", "exponential"])
 @pytest.mark.parametrize("more", [
@@ -375,6 +376,7 @@ def test_telegraph_on_a_walk_is_close_to_the_sum_over_all_histories():
     assert abs(np.mean(errors)) < 0.5 * changes and np.std(errors) < 1.0
 
 
+@pytest.mark.large
 def test_steps_on_a_walk_are_close_to_the_sum_over_all_histories():
     h = sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.3, bias_sigma=0.5)
     dwell, sigma, n = 5.0, 2.0, 10

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL, large
+from conftest import DT, MODEL, large, thorough
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, resample_poly, savgol_filter
@@ -127,13 +127,14 @@ def test_a_line_of_few_samples_lies_between_none():
         assert not interpolated(np.arange(samples) / 8.0).own.any()
 
 
+@pytest.mark.large
 def test_nothing_is_between_others_by_chance():
     for number, y in enumerate(others()):
         assert not interpolated(readings.recorded(
             np.asarray(y, float), DT, {}).y).own.any(), number
 
 
-@pytest.mark.parametrize("mean", [1, large(5), large(30)])
+@pytest.mark.parametrize("mean", [large(1), large(5), large(30)])
 def test_a_gap_that_was_filled_is_no_calm(mean):
     y, lost = filled(noise(N), mean, share=0.1)
     d = sensorlab.diagnose(y, DT, MODEL[:1])
@@ -242,7 +243,7 @@ def test_gaps_of_what_was_resampled_stay():
 
 
 @pytest.mark.parametrize("ratio, lsb, effect", [(1.5, 0.1, "none"), *(
-    large(ratio, lsb, effect) for ratio, lsb in ((1.07, 0.1), (1.8, 0.0))
+    thorough(ratio, lsb, effect) for ratio, lsb in ((1.07, 0.1), (1.8, 0.0))
     for effect in ("none", "bias_step", "sinusoid"))])
 def test_what_is_in_a_resampled_record_is_named_beside_it(ratio, lsb, effect):
     rng, t = np.random.default_rng(6), np.arange(N)

@@ -26,7 +26,7 @@ def sized(names, nats):
         yield np.sqrt(2.0 * nats / (left @ left)) * SHAPES[name]
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("names", [
     ("bias_step", "temperature"), ("pulse", "temperature"),
     ("bias_step", "turn_on_transient")])
@@ -42,7 +42,7 @@ def test_two_signatures_are_not_taken_for_a_walk(names):
     assert alone.after.p_value > 0.01
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_outliers_on_a_drift_are_no_random_steps():
     rng = np.random.default_rng(0)
     y = 0.05 * rng.standard_normal(1500) + 0.3 * rng.standard_normal(1500) * (
@@ -74,7 +74,7 @@ def telegraph(rng, dwell, size):
     return size * (np.cumsum(rng.random(N) < DT / dwell) % 2)
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape, seed", [("bias_step", 1), ("pulse", 2)])
 def test_a_level_that_jumps_is_found_beside_a_signature(shape, seed):
     """As a pair, or in the place of a process that had seemed to explain it."""
@@ -84,7 +84,7 @@ def test_a_level_that_jumps_is_found_beside_a_signature(shape, seed):
     assert sorted(d.verdict.split("+")) == sorted([shape, "random_telegraph"])
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_small_steps_at_random_are_no_walk_and_no_others():
     rng = np.random.default_rng(4)
     at = rng.random(N) < 0.01

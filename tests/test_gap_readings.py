@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL, WHITE, large
+from conftest import DT, MODEL, WHITE, large, thorough
 from numpy.testing import assert_allclose
 from scipy.signal import butter, lfilter
 from scipy.stats import norm
@@ -95,6 +95,7 @@ def test_what_else_is_missing_is_found_beside_a_wrong_rounding():
     assert all(part.share > 0.1 and part.stays for part in d.parts)
 
 
+@pytest.mark.large
 def test_other_units_are_wrong_in_the_noises_and_in_the_rounding():
     rng = np.random.default_rng(5)
     y = np.cumsum(0.02 * rng.normal(size=3000)) + rng.normal(size=3000)
@@ -150,6 +151,7 @@ def test_a_sensor_that_is_polled_too_fast_has_its_rate_read(rate, lsb):
     assert np.mean(again != scene.y) < 0.01
 
 
+@pytest.mark.large
 def test_what_moves_through_coarse_counts_repeats_nothing():
     """Its ties are as regular as those of a sensor that is polled too fast."""
     rng, t = np.random.default_rng(3), np.arange(4000)
@@ -162,6 +164,7 @@ def test_what_moves_through_coarse_counts_repeats_nothing():
                 r.found.name for r in readings.readings(Scene(y, DT, {}))]
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("rate", [0.0, 1.0, 3.0, 7.6, 12.0])
 def test_an_angle_in_counts_repeats_nothing(rate):
     for seed in range(5):
@@ -180,7 +183,7 @@ def test_a_sensor_of_which_every_value_is_logged_so_often_has_its_rate_read(time
         assert one.found.values["frequency"] == pytest.approx(100.0 / times, rel=1e-3)
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [11, 12])
 def test_a_factor_beside_counts_of_three_sigmas_is_what_it_is(seed):
     rng = np.random.default_rng(seed)
@@ -202,6 +205,7 @@ def test_a_dead_zone_repeats_nothing():
     assert not readings.readings(Scene(y, DT, {}))
 
 
+@pytest.mark.large
 def test_a_sensor_that_is_polled_too_fast_is_named_beside_its_noise():
     y = sensorid.simulate(MODEL[:1], DT, 2000, seed=8).error[0]
     onset = 8.0 * (np.arange(2000) >= 900)
@@ -220,7 +224,8 @@ def held_at_random(y, share, rng):
 
 
 @pytest.mark.parametrize("share, lsb", [
-    (0.02, 0.0), (0.1, 0.06), large(0.3, 0.0), large(0.1, 0.15), large(0.25, 0.2)])
+    (0.02, 0.0), (0.1, 0.06),
+    thorough(0.3, 0.0), thorough(0.1, 0.15), thorough(0.25, 0.2)])
 def test_samples_that_repeat_at_random_are_read(share, lsb):
     rng = np.random.default_rng(7)
     y = 0.5 * rng.standard_normal(4000) + np.cumsum(0.05 * rng.standard_normal(4000))
@@ -393,7 +398,7 @@ def test_the_simulator_of_a_clipped_record_has_the_noise_before(seed, quantiles)
     assert d.after.p_value > 0.01
 
 
-@pytest.mark.parametrize("lsb", [0.1, large(0.2)])
+@pytest.mark.parametrize("lsb", [large(0.1), thorough(0.2)])
 def test_clipped_noise_on_a_coarse_lattice_is_seen(lsb):
     rng = np.random.default_rng(5)
     for _ in range(20):
@@ -539,6 +544,7 @@ def test_few_codes_of_even_width_are_not_uneven(kind, codes):
             assert not uneven_codes(np.round(record), 1.0)[0]
 
 
+@pytest.mark.large
 def test_a_converter_is_simulated_as_it_was_read():
     y = noisy(np.random.default_rng(4), "walk")
     codes = [[k - 40.0, WIDTHS[k % 4]] for k in range(80)]
@@ -560,6 +566,7 @@ def test_a_converter_is_simulated_as_it_was_read():
     assert d.verdict == "none"
 
 
+@pytest.mark.large
 def test_codes_of_the_simulator_are_those_of_its_counts():
     codes = [[k - 40.0, WIDTHS[k % 4]] for k in range(80)]
     h = sensorid.hypothesis("white_noise", sigma_v=3.0, bias_sigma=5.0)

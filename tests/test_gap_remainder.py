@@ -26,7 +26,7 @@ def test_what_no_effect_explains_stands_beside_what_one_does():
         d, sensorlab.Record("r", "error", y, DT), "u")
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_each_of_two_effects_closes_its_part():
     d = diagnosed(generator.record(400, 1, ["bias_step", "outliers"], level=4))
     shares = {one.name: part.share for one, part in zip(d.found, d.parts)}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL, dense, large, member
+from conftest import DT, MODEL, dense, large, member, thorough
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import integrate as quadrature
 from scipy.fft import next_fast_len
@@ -179,7 +179,7 @@ def test_what_matters_is_exact_at_every_node(effect):
     assert_allclose(again, told, rtol=1e-9)
 
 
-@pytest.mark.parametrize("effect", ["ringing", large("vibration_burst")])
+@pytest.mark.parametrize("effect", ["ringing", thorough("vibration_burst")])
 def test_evidence_of_waves_is_a_sum_over_a_fine_grid(effect):
     """A sharp onset between those of a scan costs it many nats."""
     rng, N, dense = np.random.default_rng(3), 900, 21
@@ -493,6 +493,7 @@ def test_a_sinusoid_is_known_as_well_as_its_bound_says(amplitude):
     assert abs(mean - frequency) < 4.0 * bound
 
 
+@pytest.mark.large
 def test_a_lag_that_is_known_well_leaves_no_temperature_beside_it():
     """It has two forms, and is far shorter than the record."""
     N, tau = 2000, 12.0

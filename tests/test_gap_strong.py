@@ -4,7 +4,7 @@ coarse search misses, and may lie beyond what records usually show.
 
 import numpy as np
 import pytest
-from conftest import large
+from conftest import large, thorough
 
 import sensorid
 import sensorlab
@@ -56,18 +56,18 @@ STRONG = dict(
         np.pi * (TIME - 12.003) / 2.4, 0.0, np.pi))**2 * np.cos(90.0 * TIME))))
 
 
-QUICK = ["few", "louder", "half_sine"]
+LARGE = ["few", "louder", "half_sine"]
 
 
-@pytest.mark.parametrize("kind", QUICK + [
-    large(kind) for kind in STRONG if kind not in QUICK])
+@pytest.mark.parametrize("kind", [
+    large(kind) if kind in LARGE else thorough(kind) for kind in STRONG])
 def test_what_is_far_above_the_noise_is_named_alone(kind):
     effect, made = STRONG[kind]
     assert diagnosed(**made).verdict == effect
 
 
 @pytest.mark.parametrize("at, size", [
-    (0, 490.0), large(-1, 490.0), large(0, 40.0), large(-1, 40.0)])
+    (0, 490.0), thorough(-1, 490.0), thorough(0, 40.0), thorough(-1, 40.0)])
 def test_what_a_log_begins_or_ends_with_is_an_outlier(at, size):
     """Two levels fit it as well: what they cost counts in a simulator that has no room
     for it, too.
@@ -91,7 +91,7 @@ def test_a_transient_is_sought_of_which_the_first_sample_shows_a_thousandth():
     assert tau.low == 100.0
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_vibration_for_minutes_of_a_long_record_is_a_burst_of_it():
     n = 60_000
     t = DT * np.arange(n)

@@ -60,7 +60,7 @@ def test_a_user_adds_a_time_varying_hypothesis():
     assert_array_equal(answers, T.hypothesis)
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_ready_hypotheses_simulate_and_identify_themselves():
     parameters = dict(
         white_noise=dict(sigma_v=(0.3, 3.0)), random_walk=dict(sigma_w=(0.3, 1.0)),

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from conftest import large, paper_case
+from conftest import large, paper_case, thorough
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.stats import kstest
@@ -133,7 +133,7 @@ def test_point_masses_have_the_moments_of_the_estimate():
                         rtol=1e-6)
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [1, 3])
 def test_point_masses_have_the_quantiles_of_the_posterior(number):
     """The rank of the truth is uniform, for every parameter."""
@@ -289,7 +289,7 @@ def test_drawn_nodes_equal_dense_covariances_at_draws_of_the_prior():
 
 
 @pytest.mark.parametrize("h, seed", [
-    large(THREE_AXES, 1), large(FOUR_AXES, 3)])
+    thorough(THREE_AXES, 1), thorough(FOUR_AXES, 3)])
 def test_settled_means_that_more_nodes_say_the_same(h, seed, monkeypatch):
     y = s.simulate([h], 1.0, 300, 1, seed=seed).error[0]
     said, few = s.resolve(h, 1.0, y), s.resolve(h, 1.0, y, max_nodes=500)
@@ -303,7 +303,7 @@ def test_settled_means_that_more_nodes_say_the_same(h, seed, monkeypatch):
     assert (np.abs(said.weight @ said.theta - said.mean) < error * sd).all()
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_ranks_of_two_processes_are_uniform(tmp_path, monkeypatch):
     """1000 records: python -m figures ranks"""
     import figures

@@ -8,7 +8,7 @@ import sensorlab
 from sensorlab.gap import sizes, words
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_turn_on_transient_and_its_temperature(real):
     with np.load(real / "mpu6050_static10min_temp.npz") as z:
         n = z["temp_degC"].size // 50 * 50    # 0.5 s means: the stamps jitter
@@ -27,7 +27,7 @@ def test_a_turn_on_transient_and_its_temperature(real):
     assert abs(mean - 3.6) < 2.0 * sd    # mg/degC by regression of 10 s means
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
     """Of fewer samples it has even odds."""
     with np.load(real / "adis16405_run1.npz") as z:
@@ -41,7 +41,7 @@ def test_the_vibration_of_an_accelerometer_is_a_line_near_half_a_hertz(real):
     assert any(0.45 < f < 0.6 for f in lines), [one.name for one in d.found]
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_runs_of_one_sensor_differ_by_a_drift_or_not_at_all(real):
     runs = {}
     for k in (1, 2, 3):    # gyro x, 2 s means
@@ -58,7 +58,7 @@ def test_runs_of_one_sensor_differ_by_a_drift_or_not_at_all(real):
         runs[1][:300], 2.0)).verdict == "none"
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_two_clusters_of_temperature_are_no_proof_of_it(real):
     with np.load(real / "bmi270_hot_cold.npz") as z:
         parts = [slice(0, 500), slice(0, 500)]
@@ -97,7 +97,7 @@ def test_published_noise_14_times_too_large_is_a_wrong_parameter(real):
     assert "root of the rate" in sizes.looks_like(factor, 0.1 * factor, 1.0 / rate)
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_codes_of_an_accelerometer_are_of_uneven_width(real, axis):
     with np.load(real / "xsens_mti_multipos.npz") as z:

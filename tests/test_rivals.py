@@ -140,7 +140,7 @@ def test_slopes_name_white_noise_and_lean_the_right_way_otherwise():
         rivals.allan_slopes(y, 1.0, [s.hypothesis("rate_ramp", slope=1.0, sigma_v=1.0)])
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_no_algorithm_beats_the_bayesian_one():
     c = s.criteria(paper_case(3), 1.0, 1000.0, 160, seed=6, times=[250.0, 1000.0],
                    algorithms=rivals.ALGORITHMS)

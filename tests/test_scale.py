@@ -27,13 +27,13 @@ def serial():
     return s.criteria(paper_case(3), **RUN)
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_pool_of_processes_gives_the_same_bits(serial):
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         same(serial, s.criteria(paper_case(3), **RUN, executor=pool))
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_dask_cluster_gives_the_same_bits(serial):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True,
@@ -60,7 +60,7 @@ for name, form in ("narrow_band_noise", ""), ("bandwidth", "second order"):
 """
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_process_that_compiles_gives_the_bits_of_one_that_need_not(tmp_path):
     told = [subprocess.run(
         [sys.executable, "-c", TWO_STATES_AND_A_BAND], check=True, text=True,
@@ -98,7 +98,7 @@ def model_of_case_3():
         0.1, "u", sensorlab.Simulator(paper_case(3))))
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_run_killed_with_9_resumes_with_the_same_bits(tmp_path):
     (tmp_path / "m.json").write_text(model_of_case_3())
     kept = tmp_path / "kept"
@@ -117,6 +117,7 @@ def test_a_run_killed_with_9_resumes_with_the_same_bits(tmp_path):
     assert finished.items() <= {f: f.stat().st_mtime_ns for f in kept.iterdir()}.items()
 
 
+@pytest.mark.large
 def test_an_interrupt_ends_with_one_line_that_says_how_to_go_on(tmp_path):
     (tmp_path / "m.json").write_text(model_of_case_3())
     kept = tmp_path / "kept"
@@ -137,7 +138,7 @@ def test_an_interrupt_ends_with_one_line_that_says_how_to_go_on(tmp_path):
     assert not (tmp_path / "a.json").exists()
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="needs /proc")
 def test_memory_does_not_grow_with_trials():
     code = ("import sys, sensorid as s, conftest\n"
@@ -149,7 +150,7 @@ def test_memory_does_not_grow_with_trials():
     assert many < few + 60_000 and many < 1_000_000    # KiB
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_the_module_works_where_nothing_can_be_written():
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)

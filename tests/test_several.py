@@ -39,7 +39,7 @@ def answers(*names):
     return [json.loads(pathlib.Path(name).read_text()) for name in names]
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_whole_imu_is_identified_in_one_command(imu, capsys):
     assert main("identify imu.csv --channel all --json o.json --csv o.csv --plot o.png "
                 "--save-model m.json --unit deg/s,mg".split()) == 0
@@ -56,7 +56,7 @@ def test_a_whole_imu_is_identified_in_one_command(imu, capsys):
     assert sensorlab.read_model("m.az.json").unit == "mg"
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_whole_imu_is_diagnosed_in_one_command(imu, capsys):
     for number in (1, 2):
         assert main(f"diagnose imu.csv --channel gx,ax --workers {number} --out "
@@ -81,6 +81,7 @@ def test_a_whole_imu_is_diagnosed_in_one_command(imu, capsys):
     assert one["common"][0]["records"] == ["gx", "ax"]
 
 
+@pytest.mark.large
 def test_a_bad_record_does_not_cost_the_others(imu, capsys):
     line = "identify imu.csv bad.csv none.csv --channel gx --csv o.csv"
     assert main(line.split()) == 2
@@ -102,7 +103,7 @@ def test_what_is_wrong_with_all_is_said_once(imu, capsys):
     assert error.count("\n") == 1 and "neither an angular rate" in error
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_finished_records_are_found_again(imu):
     records = sensorlab.read_axes("imu.csv", "gx,gy")
     first = sensorlab.identify_many(records, checkpoint="kept")
@@ -132,6 +133,7 @@ def test_what_is_undecided_is_told_in_the_table():
     assert ["undecided" not in cells[-1] for cells in table.rows] == decided
 
 
+@pytest.mark.large
 def test_many_records_give_a_table(imu):
     frame = sensorlab.identify_many(["bad.csv", *sensorlab.read_axes("imu.csv")]).frame
     assert [*frame.problem.astype(bool)] == [True] + 6 * [False]
@@ -165,7 +167,7 @@ def test_workers_share_the_cores(monkeypatch):
         assert none is None
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_broken_pool_costs_nothing(imu):
     records = sensorlab.read_axes("imu.csv", "gx,gy")
     with ProcessPoolExecutor(1, pool.multiprocessing.get_context("spawn"),
@@ -174,6 +176,7 @@ def test_a_broken_pool_costs_nothing(imu):
     assert broken == sensorlab.identify_many(records)
 
 
+@pytest.mark.large
 def test_an_interrupt_leaves_what_is_finished_and_no_process(imu):
     line = [sys.executable, sensorid.__file__, *"diagnose imu.csv --channel all "
             "--checkpoint kept --workers 2".split()]

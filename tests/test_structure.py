@@ -166,6 +166,7 @@ def small(monkeypatch, tmp_path):
     return tmp_path
 
 
+@pytest.mark.large
 def test_figures_draw_what_they_compute(small, capsys):
     from figures.__main__ import PAPER
     for name in PAPER.values():
@@ -180,7 +181,7 @@ def test_figures_draw_what_they_compute(small, capsys):
         assert row.statement in text
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_figures_7_and_8_compare_the_algorithms(small, monkeypatch, capsys):
     from figures import fig7, fig8
     monkeypatch.setattr(figures, "DURATION", 1024.0)
@@ -191,7 +192,7 @@ def test_figures_7_and_8_compare_the_algorithms(small, monkeypatch, capsys):
     assert capsys.readouterr().out.count("whittle") == 3 + 2 * 3 + 4
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_one_record_of_every_hostile_condition(small):
     """All of them: python -m figures hostile"""
     from figures import hostile
@@ -205,7 +206,7 @@ def test_one_record_of_every_hostile_condition(small):
     assert sum(name in wrong for name in healthy) <= 1 and len(wrong) <= 4, wrong
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_what_is_outside_the_catalogue_has_no_wrong_name(small, monkeypatch):
     """One record of some kinds; all of them: python -m figures outside"""
     from figures import outside
@@ -251,6 +252,7 @@ def test_the_readmes_example_runs(tmp_path, monkeypatch):
     exec(compile(example, "README", "exec"), {})
 
 
+@pytest.mark.large
 def test_the_readmes_commands_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (model,) = re.findall(r"```json\n(.*?)```", README, re.S)
