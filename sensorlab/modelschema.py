@@ -36,6 +36,8 @@ READINGS = dict(
     lsb=dict(type="number", **POSITIVE),
     frequency=dict(type="number", **POSITIVE),
     window=dict(type="number", **POSITIVE),
+    cutoff=dict(type="number", **POSITIVE),
+    poles=dict(type="integer", minimum=1, maximum=20),
     phase=dict(type=["number", "null"], **NOT_NEGATIVE),
     order=dict(enum=[1, 3]), times=dict(enum=[1, 2]),
     value=dict(type="number"),

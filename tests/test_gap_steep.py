@@ -22,15 +22,15 @@ def noise(seed, n=N + 1000):
     return np.random.default_rng(seed).standard_normal(n)
 
 
-def low_passed(y, order, cutoff):
-    return signal.sosfilt(signal.butter(order, 2.0 * cutoff, output="sos"), y)[-N:]
+def low_passed(y, poles, cutoff):
+    return signal.sosfilt(signal.butter(poles, 2.0 * cutoff, output="sos"), y)[-N:]
 
 
 def rounded(y, lsb):
     return lsb * np.round(y / lsb) if lsb else y
 
 
-FILTERS = dict(    # with the least and the highest order that their edge may have
+FILTERS = dict(    # of as many poles as their edges may have, least and most
     third=(lambda y, f: low_passed(y, 3, f), 3, 3),
     fourth=(lambda y, f: low_passed(y, 4, f), 4, 5),
     eighth=(lambda y, f: low_passed(y, 8, f), 7, 9),
@@ -45,14 +45,14 @@ FILTERS = dict(    # with the least and the highest order that their edge may ha
 @pytest.mark.parametrize("cutoff", [0.06, 0.12, 0.3])
 @pytest.mark.parametrize("name", FILTERS)
 def test_a_steep_low_pass_is_seen(name, cutoff, counts):
-    through, lowest, highest = FILTERS[name]
+    through, fewest, most = FILTERS[name]
     y = through(noise(1), cutoff)
     seen = steep_low_pass(100.0 + rounded(y, counts * y.std()))
     assert seen.cutoff == pytest.approx(cutoff, rel=0.15)
-    assert lowest <= seen.order <= highest and seen.log_bayes > 15.0
+    assert fewest <= seen.poles <= most and seen.log_bayes > 15.0
     again = through(noise(2), cutoff)
-    assert log_odds_of_another(again, seen.cutoff, seen.order) < 10.0
-    assert log_odds_of_another(again, 1.3 * seen.cutoff, seen.order) > 20.0
+    assert log_odds_of_another(again, seen.cutoff, seen.poles) < 10.0
+    assert log_odds_of_another(again, 1.3 * seen.cutoff, seen.poles) > 20.0
 
 
 def markov(a):
@@ -86,7 +86,7 @@ def test_what_has_zeros_of_its_own_is_what_it_is(name, y):
 def test_a_gap_does_not_hide_it():
     y = low_passed(noise(5), 4, 0.1)
     y[1200:1300] = np.nan
-    assert steep_low_pass(y).order == 4
+    assert steep_low_pass(y).poles == 4
     whole = filled(y[None], 0.1, 4)[0]
     assert_array_equal(np.isnan(whole), np.isnan(y))
 
@@ -123,12 +123,12 @@ def test_it_is_as_strong_as_a_simulator_says_unless_the_record_contradicts():
 def test_the_reading_is_a_butterworth_filter_at_rest_at_first():
     y, scene = noise(7)[:300], Scene(np.zeros(300), 0.1, {})
     read = np.stack([y, y + 5.0])
-    CATALOGUE["steep_low_pass"].reading(scene, read, cutoff=1.5, order=4)
+    CATALOGUE["steep_low_pass"].reading(scene, read, cutoff=1.5, poles=4)
     sections = signal.butter(4, 1.5, fs=10.0, output="sos")
     expected, _ = signal.sosfilt(sections, y, zi=signal.sosfilt_zi(sections) * y[0])
     assert_allclose(read[0], expected, atol=1e-9)
     assert_allclose(read[1], read[0] + 5.0, atol=1e-9)
-    CATALOGUE["steep_low_pass"].reading(scene, read, cutoff=5.0, order=4)
+    CATALOGUE["steep_low_pass"].reading(scene, read, cutoff=5.0, poles=4)
     assert_allclose(read[0], expected, atol=1e-9)
 
 
@@ -154,13 +154,13 @@ def test_it_is_named_alone_beside_what_passes_it(effect, counts):
 
 @pytest.mark.parametrize("counts", [0.0, large(0.2)])
 def test_a_low_pass_of_the_simulator_is_held_against_a_record(counts):
-    def record(seed, order=4, cutoff=0.12):
-        return rounded(low_passed(noise(seed), order, cutoff), counts)
+    def record(seed, poles=4, cutoff=0.12):
+        return rounded(low_passed(noise(seed), poles, cutoff), counts)
     first = sensorlab.diagnose(record(10), DT, SIMULATOR)
     simulator = sensorlab.augmented(first)
     assert sensorlab.diagnose(record(11), DT, simulator).verdict == "none"
     for changed, symbol, factor in ((dict(cutoff=0.2), "cutoff", 0.2 / 0.12),
-                                    (dict(order=16), "order", 4.0)):
+                                    (dict(poles=16), "poles", 4.0)):
         d = sensorlab.diagnose(record(12, **changed), DT, simulator)
         assert d.verdict == "wrong_parameter"
         values = d.found[0].values

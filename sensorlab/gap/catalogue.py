@@ -81,12 +81,12 @@ def taps_and_times(scene, window, times=1):
     return max(round(window / scene.dt), 1), times
 
 
-def _pass(scene, y, cutoff, order):
+def _pass(scene, y, cutoff, poles):
     """Every record passes a Butterworth filter, which its first sample is at rest in.
     """
     if cutoff * scene.dt < NO_CUTOFF:
         first = y[..., :1].copy()
-        sections = butter(order, 2.0 * cutoff * scene.dt, output="sos")
+        sections = butter(poles, 2.0 * cutoff * scene.dt, output="sos")
         y[:] = first + sosfilt(sections, y - first)
 
 
@@ -484,9 +484,9 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="look for zeros of the spectrum at multiples of one over the "
                       "window; switch off what smooths the data"),
     Effect("steep_low_pass", reading=_pass, comes_last=True, variants=("", ROUNDED),
-           equation="y passes a low-pass of third order or more, a Butterworth filter, "
-                    "gain 1 at rest; half the power passes at cutoff, in Hz; what was "
-                    "white is as strong as it was before, below",
+           equation="y passes a Butterworth low-pass of so many poles, three or more; "
+                    "half the power passes at cutoff, in Hz; below, a white noise has "
+                    "the density that it had before",
            resembles="bandwidth",
            experiment="record at a higher rate, or with another setting of the "
                       "sensor's filter: the spectrum's edge moves with it"),

@@ -124,7 +124,7 @@ def readings(scene):
     at_a_rate = between.every or repeats and repeats.polled
     steep = Steep() if at_a_rate else steep_low_pass(
         y, average.taps and (average.taps, average.times))
-    if steep.order:    # of what was read before it, no value but counts shows anything
+    if steep.poles:    # of what was read before it, no value but counts shows anything
         return (*seen, *_low_passed(scene, y, steep))
     if average.taps:
         return (*seen, *_averaged(scene, y, average))
@@ -176,7 +176,7 @@ def _low_passed(scene, y, steep):
     """The `Reading` of a steep low-pass, and of the counts behind it."""
     lsb = lattice(y)
     counts = _rounded(y, lsb, noise_of(y, lsb, round(0.5 / steep.cutoff)))
-    found = _found("steep_low_pass", cutoff=steep.cutoff / scene.dt, order=steep.order)
+    found = _found("steep_low_pass", cutoff=steep.cutoff / scene.dt, poles=steep.poles)
     if counts:
         found = found._replace(variant=ROUNDED)
     return (Reading(found, steep.log_bayes, np.zeros(len(y), bool), False), *counts)
@@ -253,14 +253,14 @@ WRONG = dict(quantization="lsb", repeated_samples="frequency",
              interpolated_samples="frequency", saturation="limits",
              moving_average="window", differential_nonlinearity="codes",
              steep_low_pass="cutoff")
-OTHER = dict(moving_average="times", steep_low_pass="order")
+OTHER = dict(moving_average="times", steep_low_pass="poles")
 NONE = dict(    # the values of a reading that does nothing
     quantization=lambda scene: dict(lsb=lattice(scene.y)),
     repeated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi),
     interpolated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi,
                                             order=1),
     moving_average=lambda scene: dict(window=scene.dt, times=1),
-    steep_low_pass=lambda scene: dict(cutoff=0.5 / scene.dt, order=1))
+    steep_low_pass=lambda scene: dict(cutoff=0.5 / scene.dt, poles=1))
 
 
 def _alike(scene, own, seen):
@@ -269,7 +269,8 @@ def _alike(scene, own, seen):
     rate at random is counted.
     """
     if "cutoff" in own:
-        return log_odds_of_another(scene.y, own["cutoff"] * scene.dt, own["order"]
+        y = np.where(dropouts(scene.y).own, np.nan, scene.y)
+        return log_odds_of_another(y, own["cutoff"] * scene.dt, own["poles"]
                                    ) < CERTAIN
     samples = len(scene.y)
     at_random = seen.get("phase", 0.0) is None
@@ -343,7 +344,7 @@ def _found(name, **values):
 def recorded(y, dt, columns):
     """`Scene` of a record (N,) and its columns as they were recorded."""
     given, y = y, less_resampling(y)
-    if y is not given and steep_low_pass(given).order:    # merely smooth
+    if y is not given and steep_low_pass(given).poles:    # merely smooth
         y = given
     lost = dropouts(y).own
     sensed = np.where(lost, np.nan, y)
@@ -445,5 +446,5 @@ def without_readings(scene, y, seen):
             y = undone(y, *taps_and_times(scene, **one.found.values), one.counts)
         if one.is_steep:
             y = filled(y, one.found.values["cutoff"] * scene.dt,
-                       one.found.values["order"], one.white)
+                       one.found.values["poles"], one.white)
     return y

@@ -26,7 +26,7 @@ TELLS_SHAPE = 1e-2    # ... nor of what a simulator lets through
 FALLEN = 0.2          # of the power where it passes, is what is left at most
 FLAT = 2.5            # times a model of the power is what is there, at most, and at
                       # least as much less
-LOWEST_ORDER, HIGHEST_ORDER = 3, 20
+LOWEST_POLES, HIGHEST_POLES = 3, 20
 
 
 class Steep(NamedTuple):
@@ -36,7 +36,7 @@ class Steep(NamedTuple):
 
     cutoff: float = 0.0    # cycles a sample, where half the power passes; 0: there is
                            # none
-    order: int = 0
+    poles: int = 0
     log_bayes: float = 0.0
 
 
@@ -46,7 +46,7 @@ def steep_low_pass(y, average=None):
     Whittle's likelihood of white noise and a walk through a Butterworth filter of any
     order, on a floor that it does not reach, is held against that of the low-passes of
     first and of second order, with any damping, and that of a moving average, if there
-    is one, by samples and times.
+    is one, by its samples and times.
     """
     edge = _edge(y)
     if edge is None:
@@ -58,27 +58,27 @@ def steep_low_pass(y, average=None):
               *([_likeliest(_mean_of(*average), edge, LEAST_LEFT, [])] if average
                 else [])]
     gain = edge.many * (min(one.fun for one in others) - steep.fun)
-    order, log_floor = np.exp(steep.x[-1]), steep.x[2]
-    if gain < CERTAIN or order < LOWEST_ORDER - 0.5 or log_floor > np.log(FALLEN):
+    poles, log_floor = np.exp(steep.x[-1]), steep.x[2]
+    if gain < CERTAIN or poles < LOWEST_POLES - 0.5 or log_floor > np.log(FALLEN):
         return Steep()
     shape = _likeliest(_butterworth, edge, TELLS_SHAPE, steep.x[-2:])
-    log_tan, log_order = shape.x[-2:]
-    order = int(np.clip(round(np.exp(log_order)), LOWEST_ORDER, HIGHEST_ORDER))
-    whole = _likeliest(_of_order(order), edge, TELLS_SHAPE, [log_tan])
+    log_tan, log_poles = shape.x[-2:]
+    poles = int(np.clip(round(np.exp(log_poles)), LOWEST_POLES, HIGHEST_POLES))
+    whole = _likeliest(_of_poles(poles), edge, TELLS_SHAPE, [log_tan])
     cutoff = float(np.arctan(np.exp(whole.x[-1])) / np.pi)
-    if not _is_flat(edge, _of_order(order), whole.x, cutoff):
+    if not _is_flat(edge, _of_poles(poles), whole.x, cutoff):
         return Steep()
-    return Steep(cutoff, order, float(gain))
+    return Steep(cutoff, poles, float(gain))
 
 
-def log_odds_of_another(y, cutoff, order):
+def log_odds_of_another(y, cutoff, poles):
     """Log odds that a record (N,) has passed a steep low-pass of another cut-off, in
-    cycles a sample, or another order.
+    cycles a sample, or of more or fewer poles.
     """
     edge = _edge(y)
     if edge is None:
         return np.inf
-    shape = [np.log(np.tan(np.pi * min(cutoff, NO_CUTOFF))), np.log(order)]
+    shape = [np.log(np.tan(np.pi * min(cutoff, NO_CUTOFF))), np.log(poles)]
     own = _likeliest(lambda f: _butterworth(f, *shape), edge, TELLS_SHAPE, [])
     best = min(_likeliest(_butterworth, edge, TELLS_SHAPE, [begin, np.log(5.0)]).fun
                for begin in (edge.log_tan, shape[0]))
@@ -136,13 +136,13 @@ def _power(y):
                   )**2 / (3.0 / 8.0 * len(y))
 
 
-def _butterworth(f, log_tan, log_order):
+def _butterworth(f, log_tan, log_poles):
     log_ratio = np.log(np.tan(np.pi * f)) - log_tan
-    return 1.0 / (1.0 + np.exp(np.minimum(2.0 * np.exp(log_order) * log_ratio, 600.0)))
+    return 1.0 / (1.0 + np.exp(np.minimum(2.0 * np.exp(log_poles) * log_ratio, 600.0)))
 
 
-def _of_order(order):
-    return lambda f, log_tan: _butterworth(f, log_tan, np.log(order))
+def _of_poles(poles):
+    return lambda f, log_tan: _butterworth(f, log_tan, np.log(poles))
 
 
 def _first_order(f, log_tan):
@@ -204,20 +204,20 @@ def _is_flat(edge, form, x, cutoff):
 PASSING = 8    # parts of what passes
 
 
-def passed(cutoff, order, f):
+def passed(cutoff, poles, f):
     """Share of the power at frequencies f (m,) that passes; all, where the cut-off is
     at half the rate.
     """
     if cutoff >= NO_CUTOFF:
         return np.ones(len(f))
     return _butterworth(np.clip(f, 1e-9, 0.5 - 1e-9), np.log(np.tan(np.pi * cutoff)),
-                        np.log(order))
+                        np.log(poles))
 
 
 NO_CUTOFF = 0.499
 
 
-def filled(y, cutoff, order, white=None):
+def filled(y, cutoff, poles, white=None):
     """Records (R, N) that passed a low-pass with what it took of a white noise filled
     in: noise as strong as what was white is where it passes, less the floor that the
     low-pass did not reach. `white` are the least and the largest standard deviation
@@ -229,21 +229,21 @@ def filled(y, cutoff, order, white=None):
         return y
     N = y.shape[-1]
     first, length = longest(~np.isnan(y[0]))
-    known, share = slice(first, first + length), passed(cutoff, order, rfftfreq(N))
+    known, share = slice(first, first + length), passed(cutoff, poles, rfftfreq(N))
     result = y.copy()
     for row in result:
         noise = np.random.default_rng(zlib.crc32(row)).standard_normal(N)
-        variance = _variance(row[known], cutoff, order, white)
+        variance = _variance(row[known], cutoff, poles, white)
         row += np.sqrt(variance) * irfft(rfft(noise) * np.sqrt(1.0 - share), N)
     return result
 
 
-def _variance(y, cutoff, order, white):
+def _variance(y, cutoff, poles, white):
     """Of the white noise that a low-pass took from a record (N,) without a gap, were
     it all of it.
     """
     f, power = rfftfreq(len(y)), _power(y)
-    share = passed(cutoff, order, f)
+    share = passed(cutoff, poles, f)
     passes, beyond = (f > cutoff / 3.0) & (share > 0.5), share < 0.01
     if not passes.any():
         return 0.0
