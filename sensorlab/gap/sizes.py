@@ -70,7 +70,8 @@ def unit_of(symbol, unit, column=""):
         return "s"
     if symbol in OF_THE_RECORD:
         return unit
-    return dict(frequency="Hz", phase="rad", slope=f"{unit}/s", curvature=f"{unit}/s^2",
+    return dict(frequency="Hz", cutoff="Hz", phase="rad", slope=f"{unit}/s",
+                curvature=f"{unit}/s^2",
                 sigma_w=f"{unit} per sample", rate="of the samples",
                 coefficient=f"{unit} per unit of {column or 'its column'}",
                 per=f"of {column}").get(symbol, "")

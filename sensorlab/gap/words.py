@@ -43,7 +43,7 @@ PHRASES = dict(
     quantization="quantization", saturation="saturation", stuck="stuck samples",
     dropouts="dropouts (lost samples for which the file has a constant)",
     moving_average="a moving average",
-    steep_low_pass="a steep low-pass (of third order or more)",
+    steep_low_pass="a steep low-pass",
     wrong_parameter="the right value of a parameter",
     unknown="something that no effect of the catalogue explains")
 

@@ -8,7 +8,7 @@ import numpy as np
 
 # what an effect on one axis shares with the same on another; sizes differ
 SHARED = ("frequency", "onset", "duration", "quiet", "tau", "lsb", "vertex", "dwell",
-          "window")
+          "window", "cutoff")
 AGREE = 3.0      # standard deviations of a difference
 ALIKE = 0.02     # relative: two values without one
 
