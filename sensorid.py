@@ -28,7 +28,7 @@ The file reads in the order of the paper; a section calls only sections above it
 
 import sys
 
-__version__ = "0.32.0"
+__version__ = "0.33.0"
 
 
 def main(argv=None):
@@ -180,6 +180,11 @@ def check_axis(y):
     if y.ndim != 1:
         raise ValueError(f"the record has shape {y.shape}: "
                          "one axis of one sensor is needed")
+    check_finite(y)
+
+
+def check_finite(y):
+    """Refuse samples of which some are infinite."""
     if np.isinf(y).any():
         raise ValueError(f"the record holds {np.isinf(y).sum()} infinite values, "
                          f"the first at sample {np.argmax(np.isinf(y))}: "
@@ -530,7 +535,8 @@ def hypothesis(model, name=None, bias_sigma=None, prior="uniform", **parameters)
 
 def as_hypotheses(hypotheses):
     """One or several hypotheses as a tuple, or a sentence on what is none."""
-    one = isinstance(hypotheses, str) or hasattr(hypotheses, "filter")
+    one = (isinstance(hypotheses, str) or hasattr(hypotheses, "filter")
+           or not np.iterable(hypotheses))
     hypotheses = (hypotheses,) if one else tuple(hypotheses)
     for h in hypotheses:
         if not hasattr(h, "filter"):
@@ -879,6 +885,7 @@ def grid(h, dt, nodes, box=None):
     (1, 0.6)
     """
     check_interval(dt)
+    h, = as_hypotheses([h])
     prior = prior_box(h, dt)
     box = prior if box is None else box
     nodes = _nodes_of(h, nodes, len(prior.low))
@@ -2924,7 +2931,7 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
                          ", by their names")
     samples = check_trials(hypotheses, dt, duration, trials)
     if times is not None:
-        stops = _stops_at(times, dt)
+        stops = stops_at(times, dt)
     elif algorithms:
         first = min(max(samples / 32, MIN_COMPARED), samples)
         stops = np.unique(np.round(np.geomspace(first, samples, 6)).astype(int))
@@ -2957,7 +2964,7 @@ def criteria(hypotheses, dt, duration, trials=500, seed=0, *, times=None, truths
     return _criteria(hypotheses, grids, reached, dt * stops, algorithms, chunk)
 
 
-def _stops_at(times, dt):
+def stops_at(times, dt):
     """Numbers of samples (T,) at times, s."""
     try:
         samples = np.atleast_1d(np.asarray(times, float)) / dt
@@ -2997,11 +3004,19 @@ def check_trials(hypotheses, dt, duration, trials):
     return int(round(duration / dt))
 
 
+def check_executor(executor):
+    """Refuse what runs nothing in other processes or threads."""
+    if executor is not None and not hasattr(executor, "submit"):
+        raise ValueError(f"the executor is {executor!r}: a concurrent.futures.Executor "
+                         "is needed, or None")
+
+
 def _run_trials(truths, grids, algorithms, dt, stops, trials, seed, executor=None,
                 checkpoint=None, progress=None):
     """All trials as one `_Chunk`."""
     if checkpoint is not None and pathlib.Path(checkpoint).is_file():
         raise ValueError(f"the checkpoint {checkpoint} is a file: a folder is needed")
+    check_executor(executor)
     size = CHUNK if stops[-1] <= LONG_TRIAL and not algorithms else LANES
     firsts = range(0, trials, size)
     calls = [(checkpoint, tuple(truths), tuple(grids), tuple(algorithms.values()), dt,
@@ -3289,6 +3304,7 @@ def allan_variance(omega, dt, m):
     omega = as_samples(omega)
     samples, clusters = omega.shape[-1], np.ravel(m)
     check_interval(dt)
+    check_finite(omega)
     if clusters.dtype.kind not in "iu":
         raise ValueError(f"m is {m!r}: whole numbers of samples are needed")
     for one in clusters:
@@ -3371,8 +3387,8 @@ def allan_deviation(omega, dt, per_octave=1):
                          "one axis of one sensor are needed")
     n = len(omega)
     if not 1 <= per_octave <= n:
-        raise ValueError(f"{per_octave} averaging times per octave: 1 or more are "
-                         "needed")
+        raise ValueError(f"{per_octave} averaging times per octave: from 1 to {n}, "
+                         "the number of samples, are needed")
     octaves = np.arange(0.0, np.log2(max(n // 3, 1)) + 1e-9, 1.0 / per_octave)
     m = np.unique(np.round(2.0**octaves).astype(int))
     adev = np.sqrt(allan_variance(omega, dt, m))

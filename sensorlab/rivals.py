@@ -17,7 +17,7 @@ from scipy.special import gammaincinv, ndtri
 from sensorid import (
     JIT, Parameter, allan_deviation, at_quantiles, bank, check_seed, check_whole,
     filter_bank, free_columns, log_likelihood, markov, model_allan_variance, modes,
-    random_walk, simulate, white_noise)
+    random_walk, simulate, stops_at, white_noise)
 from sensorlab.gap.kernels.arithmetic import spectrum
 
 
@@ -253,7 +253,7 @@ def estimation_bound(h, dt, times, trials=2000, seed=0):
     dt : float
         Sampling interval, s.
     times : (T,) array
-        Record lengths, s.
+        Record lengths, s, each longer than the last.
     trials, seed : int
         For the expectations.
 
@@ -265,7 +265,7 @@ def estimation_bound(h, dt, times, trials=2000, seed=0):
     Raises
     ------
     ValueError
-        If a prior is not uniform.
+        If a prior is not uniform, or a time no finite number.
 
     Notes
     -----
@@ -281,7 +281,7 @@ def estimation_bound(h, dt, times, trials=2000, seed=0):
                          "the bound is of uniform ones")
     check_whole(trials, "numbers of trials", FEWEST_TRIALS)
     check_seed(seed)
-    stops = np.round(np.asarray(times) / dt).astype(int)
+    stops = stops_at(times, dt)
     free = [p for p in h.parameters if p.free]
     if not free:
         return np.empty((2, len(stops), 0))

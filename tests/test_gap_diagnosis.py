@@ -1166,3 +1166,22 @@ def test_a_first_sample_that_is_odd_is_no_burst(seed, size):
     y[0] = y[1:10].mean() + size
     walk = sensorid.hypothesis("random_walk", sigma_w=(0.002, 0.1), sigma_v=(0.3, 2.0))
     assert sensorlab.diagnose(y, 0.01, [walk]).verdict == "outliers"
+
+
+@pytest.mark.parametrize("asked, message", [
+    (lambda y: sensorlab.diagnose(y, DT, WHITE, effects=3), "3 is no effect"),
+    (lambda y: sensorlab.diagnose(y, DT, WHITE, [1]), r"columns are \[1\]: a dict"),
+    (lambda y: sensorlab.diagnose(y, DT, None), "None is no hypothesis"),
+    (lambda y: sensorid.simulate(3, DT, 100, 2), "3 is no hypothesis"),
+    (lambda y: sensorid.grid("walk", DT, 33), "'walk' is no hypothesis"),
+    (lambda y: sensorid.criteria(MODEL, DT, 100.0, 16, executor=3), "executor is 3"),
+    (lambda y: sensorlab.diagnose_many([], executor=3), "executor is 3"),
+    (lambda y: sensorlab.simulate_effects("walk", Scene(y, DT, {})), "'walk' is no"),
+    (lambda y: sensorlab.report(None, y), "ndarray stands where a Recording"),
+    (lambda y: sensorlab.page(None, y), "ndarray stands where a Recording"),
+    (lambda y: sensorid.allan_deviation(np.append(y, np.inf), DT), "1 infinite value"),
+    (lambda y: sensorid.allan_deviation(y, DT, 1000), "from 1 to 300"),
+    (lambda y: sensorlab.estimation_bound(MODEL[0], DT, [np.nan]), r"times \[nan\]")])
+def test_an_argument_of_the_wrong_kind_gets_a_sentence(asked, message):
+    with pytest.raises(ValueError, match=message):
+        asked(np.random.default_rng(0).standard_normal(300))

@@ -18,8 +18,8 @@ from sensorlab.gap.effects import Scene
 from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.implied import as_simulated, in_place
 from sensorlab.gap.known import (
-    as_records, as_simulator, bias_beside, check_recorded, check_scene, check_units,
-    with_readings, without_known)
+    as_columns, as_records, as_simulator, bias_beside, check_recorded, check_scene,
+    check_units, with_readings, without_known)
 from sensorlab.gap.own import as_effects, check_parameters
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing, recorded
 from sensorlab.gap.refits import estimated_together
@@ -106,8 +106,7 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         If the record is longer than the memory allows.
     """
     y = as_samples(y)
-    columns = {} if columns is None else {
-        str(name): as_samples(x) for name, x in dict(columns).items()}
+    columns = as_columns(columns)
     check_scene(y, dt, columns)
     check_seed(seed)
     if trials is not None:

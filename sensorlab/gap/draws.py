@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sensorid import Parameter, simulate
+from sensorid import Parameter, as_hypotheses, simulate
 from sensorlab.gap.effects import Jumps, signature_of
-from sensorlab.gap.members import members
+from sensorlab.gap.members import Simulator, members
 
 
 def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
@@ -12,7 +12,7 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
 
     Parameters
     ----------
-    simulator : Simulator
+    simulator : Simulator, or sequence of Hypothesis
     scene : Scene
         Gives the length and the columns; its missing samples will be missing.
     trials, seed, first : int
@@ -24,6 +24,8 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
         As `simulate` draws them, then altered. Models and jumps are part of the noise,
         signatures are added to the sum, readings come last.
     """
+    if not isinstance(simulator, Simulator):
+        simulator = Simulator(as_hypotheses(simulator))
     inside = members(simulator, scene)
     drawn = simulate(inside, scene.dt, len(scene.y), trials, seed, first)
     for trial, y in enumerate(drawn.error):

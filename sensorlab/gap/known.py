@@ -47,6 +47,16 @@ def as_simulator(simulator):
     return simulator
 
 
+def as_columns(columns):
+    """Columns by name, of a dictionary, or a table, of them, or None."""
+    try:
+        named = {} if columns is None else dict(columns)
+    except (TypeError, ValueError):
+        raise ValueError(f"columns are {columns!r}: a dictionary, or a table, of what "
+                         "was recorded beside the error is needed") from None
+    return {str(name): as_samples(x) for name, x in named.items()}
+
+
 def check_recorded(simulator, raw):
     """Refuse a record without a column that the simulator's effects need."""
     for one in simulator.pairs[0][1]:

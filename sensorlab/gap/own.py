@@ -1,7 +1,7 @@
 """The effects that are looked for, a user's own among them: what these must be."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from sensorid import Parameter
 from sensorlab.gap.catalogue import CATALOGUE, is_known
@@ -20,7 +20,8 @@ def as_effects(effects=None):
     """
     if effects is None or isinstance(effects, Mapping):
         effects = (CATALOGUE if effects is None else effects).values()
-    some = [effects] if isinstance(effects, (str, Effect)) else effects
+    one = isinstance(effects, (str, Effect)) or not isinstance(effects, Iterable)
+    some = [effects] if one else effects
     result = tuple(map(_as_effect, some))
     twice = [name for name, times in Counter(e.name for e in result).items()
              if times > 1]

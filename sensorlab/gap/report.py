@@ -17,8 +17,16 @@ def finite(x):
     return float(x) if np.isfinite(x) else None
 
 
+def check_recording(record):
+    """Refuse what is no `Recording`, as `read` gives one."""
+    if not hasattr(record, "file"):
+        raise ValueError(f"a {type(record).__name__} stands where a Recording, as read "
+                         "gives one, is needed")
+
+
 def report(d, record):
     """Contents of report.json for a diagnosis of a `Record`."""
+    check_recording(record)
     s = d.before.statistics
     return finite(dict(
         record=dict(file=record.file, column=record.column, samples=len(record.error),

@@ -26,6 +26,7 @@ from sensorlab.drawings.style import legend_above, new_figure, styled, with_plai
 from sensorlab.gap import words
 from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.curves import view as view_of
+from sensorlab.gap.report import check_recording
 from sensorlab.gap.sizes import chance, percent, sizes
 from sensorlab.gap.verdict import present
 
@@ -73,6 +74,7 @@ def page(d, record, unit=None, origin=Provenance(), view=None):
     -------
     str
     """
+    check_recording(record)
     seen, unit = view_of(d) if view is None else view, unit or record.unit or "u"
     return template("report.html").render(
         d=d, record=record, unit=unit, origin=origin, words=words,

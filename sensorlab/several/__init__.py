@@ -17,7 +17,7 @@ import pathlib
 from concurrent.futures import BrokenExecutor
 from typing import NamedTuple
 
-from sensorid import __version__, fingerprint, write_whole
+from sensorid import __version__, check_executor, fingerprint, write_whole
 from sensorlab.gap.report import finite
 from sensorlab.readers import Recording, Unread, read, unread
 from sensorlab.readers.objects import name_of
@@ -93,6 +93,7 @@ def opened(records, beside):
 
 def many(calls, executor=None, checkpoint=None, progress=None):
     """`Several` of calls (work, record, ...), each of which gives a `Row`."""
+    check_executor(executor)
     if not calls:
         raise ValueError("no record is given: at least one is needed")
     waiting = [_submitted(executor, checkpoint, *call) for call in calls]
