@@ -112,6 +112,7 @@ def test_another_closure_is_another_run(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+@pytest.mark.large
 def test_what_has_no_contents_is_refused(tmp_path):
     lock = threading.Lock()
 

@@ -32,6 +32,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("command", [
     "identify r.npz --model m.json", "identify r.npz r.npz --model m.json",
     "criteria m.json --duration 20 --trials 64",

@@ -66,6 +66,7 @@ def test_very_long_records_are_forewarned():
     assert "50 min" in said and "26 GB" in said and "--average 10" in said
 
 
+@pytest.mark.large
 def test_a_listener_hears_every_part_of_the_work():
     heard = []
     y = np.convolve(np.random.default_rng(1).standard_normal(304), np.ones(5), "valid")
@@ -111,6 +112,7 @@ def test_compiling_is_said_once(terminal, monkeypatch):
     assert terminal().count("compiling") == 1
 
 
+@pytest.mark.large
 def test_a_diagnosis_on_a_terminal_leaves_its_line_empty(tmp_path, monkeypatch,
                                                          terminal):
     monkeypatch.chdir(tmp_path)

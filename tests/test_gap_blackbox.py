@@ -45,6 +45,7 @@ def test_a_record_beside_itself_has_no_gap(known):
     assert d.verdict == "none" and d.before.p_value > 0.99
 
 
+@pytest.mark.large
 def test_what_both_have_is_no_gap_and_what_one_has_is(known):
     y, simulator = known
     other = sensor(np.random.default_rng(6))
@@ -61,7 +62,8 @@ def vibrating(rng, n, frequency=1.3, amplitude=0.6):
         2.0 * np.pi * frequency * t + rng.uniform(0.0, 6.0))
 
 
-@pytest.mark.parametrize("seed", [1003, thorough(1004), thorough(1001), thorough(1006)])
+@pytest.mark.parametrize("seed", [
+    large(1003), *map(thorough, (1004, 1001, 1006))])
 def test_a_line_is_known_no_better_than_a_short_record_tells(seed):
     rng = np.random.default_rng(seed)
     theirs, y = vibrating(rng, 500), vibrating(rng, 2500)
@@ -96,6 +98,7 @@ def test_a_line_that_moved_is_no_gap_and_is_told_of():
     assert "sinusoid of 1.3 Hz is no gap" in said
 
 
+@pytest.mark.large
 def test_a_parameter_that_moved_leaves_no_gap_behind(known):
     # the simulator's own record lies far from the fit of this one
     y, simulator = known
@@ -349,7 +352,8 @@ def test_a_stronger_effect_than_theirs_is_not_shared():
     assert d.verdict == "outliers"
 
 
-@pytest.mark.parametrize("effect", [large("noise_ramp"), "noise_sensitivity"])
+@pytest.mark.parametrize("effect", [
+    large("noise_ramp"), large("noise_sensitivity")])
 def test_noise_that_follows_something_is_sought_in_the_simulators_record(effect):
     rng, turn = np.random.default_rng(1), np.linspace(-1.0, 1.0, 2000)
     theirs, y = rng.standard_normal((2, 2000))

@@ -101,7 +101,7 @@ def test_a_limit_shows_where_a_walk_wanders_beyond(lsb, share):
     assert found > 10
 
 
-@pytest.mark.parametrize("scatter", [8.0, thorough(30.0)])
+@pytest.mark.parametrize("scatter", [large(8.0), thorough(30.0)])
 def test_what_is_folded_or_begins_again_at_its_other_end_has_no_limit(scatter):
     rng = np.random.default_rng(6)
     for _ in range(20):

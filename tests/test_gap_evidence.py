@@ -15,6 +15,7 @@ from sensorlab.gap import account, changes, evidence, filters, screens
 from sensorlab.gap.catalogue import CATALOGUE, MIN_SIDE
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("k", [0, 1])
 def test_importance_sampling_finds_the_evidence_of_the_grid(k):
     y = sensorid.simulate(MODEL[k:k + 1], DT, 1000, seed=8).error[0]
@@ -104,6 +105,7 @@ def stepped(effect, n=300):
 CHANGES = pytest.mark.parametrize("effect", ["", "before the onset", "walk_step"])
 
 
+@pytest.mark.large
 @CHANGES
 def test_onsets_are_drawn_from_their_law(effect):
     scene, h = stepped(effect)
@@ -155,6 +157,7 @@ def test_a_screen_of_bursts_is_the_sum_over_all_histories():
         assert_allclose(told[k, -1], (chance * law) @ paths[:, -1] / (chance @ law))
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("number, effects", [
     (1194, ["random_telegraph"]), (1, ["random_telegraph"]),
     (5, ["correlated_noise", "outliers"]), (6, ["outliers", "random_telegraph"])])

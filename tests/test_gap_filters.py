@@ -82,6 +82,7 @@ def test_a_filter_without_noise_has_variances_all_the_same():
     assert f.min() > 0.0 and np.isfinite(gain).all()
 
 
+@pytest.mark.large
 def test_a_change_of_what_drives_the_states_is_that_of_the_general_bank(short):
     """Two ways that share no line: matrices of every sample, and one number more."""
     scene, *_, seen = short

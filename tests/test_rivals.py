@@ -176,6 +176,7 @@ def test_a_users_algorithm_joins_in_a_few_lines(tmp_path):
         s.criteria(H, 1.0, 20.0, 16, algorithms=dict(mine=constant))
 
 
+@pytest.mark.large
 def test_bound_of_the_variance_of_white_noise_has_its_closed_form():
     low, high, n = 0.5, 1.5, 200
     h = s.hypothesis("white_noise", bias_sigma=0.0, sigma_v=(low, high))

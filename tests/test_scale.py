@@ -78,6 +78,7 @@ def deadly_markov(dt, tau_m, sigma_m, sigma_v):
     return s.markov(dt, tau_m, sigma_m, sigma_v)
 
 
+@pytest.mark.large
 def test_a_killed_worker_costs_its_chunk_and_nothing_else(tmp_path, monkeypatch):
     monkeypatch.setenv("SENSORID_TEST_FLAG", str(tmp_path / "killed"))
     monkeypatch.setenv("SENSORID_TEST_MAIN", str(os.getpid()))
