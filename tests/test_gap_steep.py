@@ -120,6 +120,17 @@ def test_it_is_as_strong_as_a_simulator_says_unless_the_record_contradicts():
     assert within == pytest.approx(np.sqrt(1.0 - 2.0 * 0.12), rel=0.03)
 
 
+def test_what_is_filled_in_changes_as_the_noise_does():
+    size = np.where(np.arange(2 * N) < 1.3 * N, 1.0, 3.0)
+    y = np.stack([signal.sosfilt(signal.butter(4, 0.24, output="sos"), size * noise(
+        seed, 2 * N)) for seed in range(20)])
+    whole = filled(y, 0.12, 4)
+    for part, variance in ((slice(0, N), 1.0), (slice(int(1.4 * N), None), 9.0)):
+        power = np.mean(np.abs(np.fft.rfft(whole[:, part]))**2, 0)[1:] / len(y[0, part])
+        for band in np.array_split(power, 10):
+            assert band.mean() == pytest.approx(variance, rel=0.12)
+
+
 def test_the_reading_is_a_butterworth_filter_at_rest_at_first():
     y, scene = noise(7)[:300], Scene(np.zeros(300), 0.1, {})
     read = np.stack([y, y + 5.0])
@@ -140,7 +151,7 @@ def test_it_is_named_alone_beside_what_passes_it(effect, counts):
     y = noise(9)
     y[-N:] += dict(none=0.0, bias_step=0.5 * (t > 22.0),
                    sinusoid=0.3 * np.sin(2.0 * np.pi * 3.3 * t),
-                   noise_step=0.8 * (t > 25.0) * rng.standard_normal(N),
+                   noise_step=1.5 * (t > 25.0) * rng.standard_normal(N),
                    random_walk=np.cumsum(0.03 * rng.standard_normal(N)))[effect]
     d = sensorlab.diagnose(rounded(low_passed(y, 4, 0.12), counts), DT, SIMULATOR)
     lattice = {"quantization"} if counts else set()

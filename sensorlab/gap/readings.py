@@ -123,7 +123,8 @@ def readings(scene):
     repeats = repeated(y) if not average.taps else None
     at_a_rate = between.every or repeats and repeats.polled
     steep = Steep() if at_a_rate else steep_low_pass(
-        y, average.taps and (average.taps, average.times))
+        np.where(between.own, np.nan, y),
+        average.taps and (average.taps, average.times))
     if steep.poles:    # of what was read before it, no value but counts shows anything
         return (*seen, *_low_passed(scene, y, steep))
     if average.taps:
@@ -344,8 +345,6 @@ def _found(name, **values):
 def recorded(y, dt, columns):
     """`Scene` of a record (N,) and its columns as they were recorded."""
     given, y = y, less_resampling(y)
-    if y is not given and steep_low_pass(given).poles:    # merely smooth
-        y = given
     lost = dropouts(y).own
     sensed = np.where(lost, np.nan, y)
     lsb, noise = lattice_and_noise(sensed)

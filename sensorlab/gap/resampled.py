@@ -60,13 +60,17 @@ def _leaves_little(y, begin, step):
     """
     knots, other = _through(y, begin, step), _through(y, begin, step + OFF / len(y))
     lsb, scale = lattice(y), np.var(np.diff(y))
+    rounding = AS_ROUNDED * lsb**2 / 12.0
     is_white = lsb**2 < scale    # what rounding adds, if steps are longer than counts
-    is_little = knots.variance < AS_ROUNDED * (lsb**2 / 12.0 + DETERMINED * scale)
+    is_little = knots.variance < rounding + AS_ROUNDED * DETERMINED * scale
+    is_smooth = other.variance < ELSE * (knots.variance - rounding)
     log_odds = 0.5 * knots.more * np.log(other.variance / knots.variance)
-    return is_white and is_little and knots.more >= 4 * FEWEST and log_odds > CERTAIN
+    return is_white and is_little and not is_smooth and (
+        knots.more >= 4 * FEWEST and log_odds > CERTAIN)
 
 
-OFF = 3.0    # turns within a record, by which a pace is another
+ELSE = 10.0    # times what lines leave but for rounding, another pace leaves
+OFF = 3.0      # turns within a record, by which a pace is another
 
 
 def _pace(y):

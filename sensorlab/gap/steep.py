@@ -229,31 +229,63 @@ def filled(y, cutoff, poles, white=None):
         return y
     N = y.shape[-1]
     first, length = longest(~np.isnan(y[0]))
-    known, share = slice(first, first + length), passed(cutoff, poles, rfftfreq(N))
-    result = y.copy()
+    known = slice(first, first + length)
+    taken, result = np.sqrt(1.0 - passed(cutoff, poles, rfftfreq(N))), y.copy()
     for row in result:
         noise = np.random.default_rng(zlib.crc32(row)).standard_normal(N)
-        variance = _variance(row[known], cutoff, poles, white)
-        row += np.sqrt(variance) * irfft(rfft(noise) * np.sqrt(1.0 - share), N)
+        variance = np.pad(_variances(row[known], cutoff, poles, white),
+                          (first, N - first - length), "edge")
+        row += np.sqrt(variance) * irfft(rfft(noise) * taken, N)
     return result
 
 
-def _variance(y, cutoff, poles, white):
-    """Of the white noise that a low-pass took from a record (N,) without a gap, were
-    it all of it.
+def _variances(y, cutoff, poles, white):
+    """Of the white noise that a low-pass took from a record (N,) without a gap, were it
+    all of it, (N,): as strong always, unless its energy where it passes changes.
     """
-    f, power = rfftfreq(len(y)), _power(y)
+    N, f, power = len(y), rfftfreq(len(y)), _power(y)
     share = passed(cutoff, poles, f)
     passes, beyond = (f > cutoff / 3.0) & (share > 0.5), share < 0.01
-    if not passes.any():
-        return 0.0
-    level = _mean(power[passes] / share[passes])
-    if white:
-        near = np.clip(level, *np.square(white))
-        if abs(near - level) < SURE * level / np.sqrt(passes.sum()):
-            level = near
+    if passes.sum() < ENOUGH:
+        return np.zeros(N)
+    count = passes.sum()
     floor = _mean(power[beyond]) if beyond.sum() > ENOUGH else 0.0
-    return max(level - floor, 0.0)
+    wave = np.where(passes, rfft(y - np.linspace(y[0], y[-1], N)) / np.sqrt(
+        np.maximum(share, 0.5)), 0.0)
+    size = np.abs(wave) + TINY
+    most = np.sqrt(RARE / np.log(2.0)) * np.median(size[passes])    # no line tells
+    energy = irfft(wave * np.minimum(1.0, most / size), N)**2 * N / (2.0 * count)
+    levels = _levels(np.append(0.0, np.cumsum(energy)), 0, N, count / N)
+    if len(levels) == 1:
+        level = _mean(power[passes] / share[passes])
+        near = np.clip(level, *np.square(white)) if white else level
+        sure = SURE * level / np.sqrt(count)
+        levels = [(near if abs(near - level) < sure else level, N)]
+    return np.concatenate([np.full(length, max(one - floor, 0.0))
+                           for one, length in levels])
+
+
+def _levels(total, first, last, rate):
+    """Levels and lengths of the parts, from a first sample to a last, of what has this
+    sum (N + 1,) from the begin on, in which it is the same, if so many frequencies a
+    sample tell of it.
+    """
+    mean, fewest = (total[last] - total[first]) / (last - first), int(PART / rate)
+    at = np.arange(first + fewest, last - fewest)
+    if len(at):
+        before = (total[at] - total[first]) / (at - first)
+        after = (total[last] - total[at]) / (last - at)
+        gain = rate * ((last - first) * np.log(mean + TINY) - (at - first) * np.log(
+            before + TINY) - (last - at) * np.log(after + TINY))
+        k = np.argmax(gain)
+        if gain[k] > CERTAIN:
+            return [*_levels(total, first, at[k], rate),
+                    *_levels(total, at[k], last, rate)]
+    return [(mean, last - first)]
+
+
+PART = 20        # frequencies, that tell a level
+TINY = 1e-300    # a level of 0 has a logarithm
 
 
 def _mean(power):
