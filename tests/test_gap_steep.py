@@ -83,9 +83,12 @@ def test_what_has_zeros_of_its_own_is_what_it_is(name, y):
         assert found.found.name == name
 
 
-def test_a_gap_does_not_hide_it():
-    y = low_passed(noise(5), 4, 0.1)
+def test_neither_gaps_nor_what_stands_out_hide_it():
+    y, rng = low_passed(noise(5), 4, 0.1), np.random.default_rng(0)
     y[1200:1300] = np.nan
+    assert steep_low_pass(y).poles == 4
+    y[rng.random(N) < 0.01] = np.nan
+    y[[400, 1500, 2900]] = 10.0, -8.0, 50.0
     assert steep_low_pass(y).poles == 4
     whole = filled(y[None], 0.1, 4)[0]
     assert_array_equal(np.isnan(whole), np.isnan(y))
@@ -161,6 +164,14 @@ def test_it_is_named_alone_beside_what_passes_it(effect, counts):
     assert d.closure.closed > 0.9
     if effect == "bias_step":
         assert abs(values["bias_step"]["onset"][0] - 22.0) < 1.0
+
+
+@pytest.mark.large
+def test_samples_that_are_stuck_behind_it_are_named():
+    y = low_passed(noise(14), 4, 0.12)
+    y[2000:2040] = y[2000]
+    d = sensorlab.diagnose(y, DT, SIMULATOR)
+    assert set(d.verdict.split("+")) == {"steep_low_pass", "stuck"}
 
 
 @pytest.mark.parametrize("counts", [0.0, large(0.2)])

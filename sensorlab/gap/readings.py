@@ -145,9 +145,7 @@ def readings(scene):
     if clipped.any():
         seen.append(_shown_by(clipped, "saturation", limits=limits)._replace(
             opaque=bool(clipped.mean() > HIDDEN)))
-    if spans:
-        spans = [[float(begin * scene.dt), int(n)] for begin, n in spans]
-        seen.append(_shown_by(stuck, "stuck", spans=spans))
+    seen += _stuck(scene, spans, stuck)
     counts = _rounded(y, lsb, noise, bool(moved))
     seen += counts
     if counts:
@@ -178,9 +176,19 @@ def _low_passed(scene, y, steep):
     lsb = lattice(y)
     counts = _rounded(y, lsb, noise_of(y, lsb, round(0.5 / steep.cutoff)))
     found = _found("steep_low_pass", cutoff=steep.cutoff / scene.dt, poles=steep.poles)
+    nothing = np.zeros(len(y), bool)
     if counts:
         found = found._replace(variant=ROUNDED)
-    return (Reading(found, steep.log_bayes, np.zeros(len(y), bool), False), *counts)
+    shown = Reading(found, steep.log_bayes, nothing, False), *counts
+    spans, stuck = ([], nothing) if counts else stuck_spans(
+        y, lsb, noise_of(y, lsb), nothing)
+    return (*shown, *_stuck(scene, spans, stuck))
+
+
+def _stuck(scene, spans, stuck):
+    """The `Reading` of samples (N,) that are stuck, in spans, in a list, if any are."""
+    spans = [[float(begin * scene.dt), int(n)] for begin, n in spans]
+    return [_shown_by(stuck, "stuck", spans=spans)] if spans else []
 
 
 def _shown_by(masked, name, **values):

@@ -99,6 +99,7 @@ def _edge(y):
     """The `_Edge` of a record (N,), where most of its acceleration is; None if there is
     too little of it, or its power falls by too little beyond.
     """
+    y = _bridged(y)
     first, N = longest(~np.isnan(y))
     N = min(N, TELLING)
     if N < FEWEST_SAMPLES:
@@ -116,6 +117,24 @@ def _edge(y):
 
 
 SMOOTHED = 9    # parts of a spectrum
+
+
+def _bridged(y, few=3):
+    """A record (N,) with what its neighbours say of samples that stand out from them,
+    and of a few that are missing together.
+    """
+    seen = np.flatnonzero(~np.isnan(y))
+    bend = np.abs(np.convolve(np.pad(y[seen], 1, "edge"), [-0.5, 1.0, -0.5], "valid"))
+    odd, time = bend > ODD * bend.mean(), np.arange(len(y))
+    kept = seen[~odd] if odd.mean() < FEW_ARE_ODD else seen
+    apart = np.diff(kept, prepend=-1, append=len(y))[np.searchsorted(kept, time)]
+    result = np.where(apart <= few + 1, np.interp(time, kept, y[kept]), np.nan)
+    result[kept] = y[kept]
+    return result
+
+
+ODD = 10.0           # times the mean of bends, 8 standard deviations of noise
+FEW_ARE_ODD = 0.01   # of the samples
 
 
 def _averaged(power, N):
@@ -228,12 +247,12 @@ def filled(y, cutoff, poles, white=None):
     if cutoff >= NO_CUTOFF:
         return y
     N = y.shape[-1]
-    first, length = longest(~np.isnan(y[0]))
+    first, length = longest(~np.isnan(_bridged(y[0])))
     known = slice(first, first + length)
     taken, result = np.sqrt(1.0 - passed(cutoff, poles, rfftfreq(N))), y.copy()
     for row in result:
         noise = np.random.default_rng(zlib.crc32(row)).standard_normal(N)
-        variance = np.pad(_variances(row[known], cutoff, poles, white),
+        variance = np.pad(_variances(_bridged(row, N)[known], cutoff, poles, white),
                           (first, N - first - length), "edge")
         row += np.sqrt(variance) * irfft(rfft(noise) * taken, N)
     return result
