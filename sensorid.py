@@ -3387,8 +3387,8 @@ def allan_deviation(omega, dt, per_octave=1):
                          "one axis of one sensor are needed")
     n = len(omega)
     if not 1 <= per_octave <= n:
-        raise ValueError(f"{per_octave} averaging times per octave: from 1 to {n}, "
-                         "the number of samples, are needed")
+        raise ValueError(f"{per_octave} averaging times per octave: 1 or more are "
+                         f"needed, and no more than the samples, {n}")
     octaves = np.arange(0.0, np.log2(max(n // 3, 1)) + 1e-9, 1.0 / per_octave)
     m = np.unique(np.round(2.0**octaves).astype(int))
     adev = np.sqrt(allan_variance(omega, dt, m))
