@@ -104,13 +104,15 @@ SMOOTH = 1.5          # of the white noise: what a finer lattice adds is white n
                       # exp(-2 pi^2 / 1.5^2) = 2e-4 of it (the same)
 
 
+NEARLY_ALL = 0.9      # of the samples: if fewer were given, lines between them make a
+                      # low-pass
 ROUNDING = 1e-9       # of the white noise: equal but for rounding
 
 
 def readings(scene):
     """Quantization, uneven codes, saturation, dropouts, repeated and stuck samples of a
-    record from which nothing was taken away, or a moving average, as a tuple of
-    Reading.
+    record from which nothing was taken away, or a moving average, or a steep low-pass
+    and what is stuck behind it, as a tuple of Reading.
     """
     y, N, seen = scene.y, len(scene.y), []
     lost = dropouts(y)
@@ -121,8 +123,8 @@ def readings(scene):
     between = interpolated(y)
     average = averaged_over(y) if not between.every else Average()
     repeats = repeated(y) if not average.taps else None
-    at_a_rate = between.every or repeats and repeats.polled
-    steep = Steep() if at_a_rate else steep_low_pass(
+    slower = between.rate < NEARLY_ALL or repeats and repeats.polled
+    steep = Steep() if slower else steep_low_pass(
         np.where(between.own, np.nan, y),
         average.taps and (average.taps, average.times))
     if steep.poles:    # of what was read before it, no value but counts shows anything
