@@ -117,7 +117,7 @@ def test_it_is_as_strong_as_a_simulator_says_unless_the_record_contradicts():
     y = low_passed(noise(6), 4, 0.12)[None]
     free, within, beyond = (np.std(filled(y, 0.12, 4, white) - y) for white in (
         None, (1.0, 1.0), (2.0, 2.0)))
-    # 640 of 2000 frequencies tell of its variance
+    # 320 of 2000 frequencies tell of its variance
     assert free == pytest.approx(within, rel=0.1) and free != within
     assert beyond == free
     assert within == pytest.approx(np.sqrt(1.0 - 2.0 * 0.12), rel=0.03)

@@ -6,11 +6,11 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import get_window
 
 from sensorlab.gap.unaveraged import (
     LEAST, covariance_of, rounding_of, undone, weights)
-from sensorlab.gap.values import CERTAIN, lattice, less_rounding, longest
+from sensorlab.gap.values import (
+    CERTAIN, lattice, less_rounding, longest, passed_by_mean, power_of)
 
 FEWEST_TAPS = 3      # of two a low-pass of first order at its fastest does the same
 FEWEST_TURNS = 40    # windows in a record, by which their pattern is known
@@ -87,13 +87,13 @@ def _rises(n, times, counts):
     """Is there more between the first zeros than rounding adds? What merely falls is
     any low-pass.
     """
-    beyond = _response(1.5, n, n)**times / np.sum(weights(n, times)**2)
+    beyond = passed_by_mean(1.5 / n, n)**times / np.sum(weights(n, times)**2)
     return beyond > counts**2 / 12.0
 
 
 def _power(y):
-    """Of the spectrum of a record (N,), through a Hann window."""
-    power = np.abs(np.fft.rfft((y - y.mean()) * get_window("hann", len(y))))**2
+    """`power_of` a record (N,), less of which than rounding leaves there is not."""
+    power = power_of(y)
     return np.maximum(power, LEAST_LEFT * power.max())
 
 
@@ -137,7 +137,7 @@ def _whole(power, N, told, times, floors):
     number = np.arange(N // (4 * min(told)), len(power))
 
     def fits(m):
-        response = np.maximum(_response(number, N, m)**times, LEAST_RESPONSE)
+        response = np.maximum(passed_by_mean(number / N, m)**times, LEAST_RESPONSE)
         return _likelihood(power[number], response, floors(m)(number / N))
     return max(told, key=fits)
 
@@ -157,7 +157,8 @@ def _gain(power, N, n, times, floors):
     for k in range(1, n // 2 + 1):
         at = round(k * N / n)
         near = np.arange(at - half, min(at + half, len(power) - 1) + 1)
-        response = _response(near[0] - 1 + np.arange(len(near) + 2), N, n)**times
+        f = (near[0] - 1 + np.arange(len(near) + 2)) / N
+        response = passed_by_mean(f, n)**times
         # as a Hann window shows it
         response = (response[:-2] + 4.0 * response[1:-1] + response[2:]) / 6.0
         own = np.minimum(power[near], PEAK * np.median(power[near]))    # no line tells
@@ -208,8 +209,7 @@ def _floor(y, lsb, times, n):
         np.zeros(n))
     error[1:] *= 2.0
     power = np.maximum(np.fft.rfft(error, FINE).real, LEAST * error[0])
-    of_window = 3.0 / 8.0 * len(y)    # its squares
-    return lambda f: np.interp(f * FINE, np.arange(len(power)), of_window * power)
+    return lambda f: np.interp(f * FINE, np.arange(len(power)), power)
 
 
 FINE = 2**13    # parts of the sampling rate, in which the power of rounding is smooth
@@ -231,9 +231,3 @@ RARE = 3.0           # standard deviations
 WITHIN = 0.973       # of its variance, that a normal law has within these
 TRIMMINGS = 10
 ENOUGH = 4000    # samples that tell a standard deviation to 0.01 of it
-
-
-def _response(number, N, n):
-    """Power of the response of a mean of n samples at multiples of 1 / N."""
-    f = np.pi * number / N
-    return (np.sin(n * f) / (n * np.sin(f)))**2

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief, free_columns, side_by_side
-from sensorlab.gap.catalogue import quantize
+from sensorlab.gap.catalogue import ROUNDED, quantize
 from sensorlab.gap.draws import simulate_effects
 from sensorlab.gap.effects import BLOCK, LONG_RECORD, Scene
 from sensorlab.gap.filters import filtered, predict, predict_first
@@ -19,7 +19,7 @@ from sensorlab.gap.places import PLACES, Statistics, statistics
 from sensorlab.gap.probes import Probes, probes
 from sensorlab.gap.readings import misleads, without_readings
 from sensorlab.gap.standins import gaussian
-from sensorlab.gap.values import COARSE, lattice_and_noise
+from sensorlab.gap.values import COARSE, lattice_and_noise, noise_of
 
 
 class Gap(NamedTuple):
@@ -201,8 +201,9 @@ def _setting(scene, acc, first):
                                            np.nan))
     lsb, noise = lattice_and_noise(scene.y + scene.known)
     for r in acc.readings:
-        if r.is_average or r.is_steep:    # what was rounded before has fine digits
-            lsb, noise = np.inf, r.noise_of_rounded(scene, own[0])
+        if smoothing := r.smoothing(scene):    # what was rounded before has fine digits
+            lsb, noise = np.inf, noise_of(own[0], 0.0) * (
+                smoothing.leaves if r.found.variant == ROUNDED else 1.0)
     return _Setting(scene, acc, first, own, fitted, late,
                     lsb if lsb <= COARSE * noise else 0.0,
                     any(misleads(r, noise) for r in acc.readings))

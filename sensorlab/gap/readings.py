@@ -32,7 +32,7 @@ class Reading(NamedTuple):
     coarse: bool = False    # it adds no white noise, but what hangs on the value
     moved: bool = False  # something was added to the record after it was rounded
     counts: float = 0.0  # that an average was rounded to, as `averages.Average` has it
-    white: tuple = None  # of a steep low-pass, as `filled` takes it
+    white: tuple = None  # what a simulator says of white noise, as `filled` takes it
     instead: "Reading" = None    # of the simulator's own, whose value is wrong
     factor: float = 1.0          # by which it is
 
@@ -43,30 +43,21 @@ class Reading(NamedTuple):
         """Does what it does hang on where the record lies?"""
         return self.coarse or not {"limits", "codes"}.isdisjoint(self.found.values)
 
-    @property
-    def is_average(self):
-        """Is it a moving average?"""
-        return "window" in self.found.values
-
-    @property
-    def is_steep(self):
-        """Is it a steep low-pass?"""
-        return "cutoff" in self.found.values
-
-    def noise_of_rounded(self, scene, raw):
-        """Of what smooths a record and is undone to a raw one (N,), the standard
-        deviation of the noise of what is rounded: of it, or of what comes out.
-        """
-        noise, found = noise_of(raw, 0.0), self.found
-        if self.is_steep:
-            return noise * np.sqrt(2.0 * found.values["cutoff"] * scene.dt)
-        return noise * np.linalg.norm(
-            weights(*taps_and_times(scene, **found.values))) if found.variant else noise
+    def smoothing(self, scene):
+        """Its `Smoothing` of records like that of a scene; None if it is none."""
+        values = self.found.values
+        if "window" in values:
+            window = taps_and_times(scene, **values)
+            return Smoothing(lambda y: undone(y, *window, self.counts),
+                             np.linalg.norm(weights(*window)))
+        if "cutoff" in values:
+            cutoff, poles = values["cutoff"] * scene.dt, values["poles"]
+            return Smoothing(lambda y: filled(y, cutoff, poles, self.white),
+                             np.sqrt(2.0 * cutoff))
+        return None
 
     def as_white_as(self, simulator):
-        """Of a steep low-pass, the same with what the simulator says of white noise."""
-        if not self.is_steep:
-            return self
+        """The same with what the simulator says of white noise."""
         sigma = [p for h, _ in simulator.pairs for p in h.parameters
                  if p.symbol == "sigma_v"]
         white = sigma and (min(p.low for p in sigma), max(p.high for p in sigma))
@@ -91,6 +82,14 @@ class Reading(NamedTuple):
         values = self.found.values
         return values.get("lsb", 1.0) > 0.0 and bool(
             np.isfinite(values.get("limits", 0.0)).any())
+
+
+class Smoothing(NamedTuple):
+    """What a moving average or a steep low-pass does."""
+
+    undo: object    # function of records (R, N) to those before it, as `undone` and
+                    # `filled` have it
+    leaves: float   # of the standard deviation of white noise
 
 
 COINCIDENCE = 23.0    # nats: what one repeated value in double precision is worth,
@@ -450,10 +449,6 @@ def without_readings(scene, y, seen):
     for one in seen:
         if "limits" not in one.found.values:
             y[:, one.masked] = np.nan
-    for one in seen:
-        if one.is_average:
-            y = undone(y, *taps_and_times(scene, **one.found.values), one.counts)
-        if one.is_steep:
-            y = filled(y, one.found.values["cutoff"] * scene.dt,
-                       one.found.values["poles"], one.white)
+    for smoothing in filter(None, (one.smoothing(scene) for one in seen)):
+        y = smoothing.undo(y)
     return y

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.fft import irfft, rfft, rfftfreq
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize
-from scipy.signal import get_window
 
-from sensorlab.gap.values import CERTAIN, longest
+from sensorlab.gap.values import CERTAIN, longest, passed_by_mean, power_of
 
 FEWEST_SAMPLES = 400
 TELLING = 2**17       # samples in which it is looked for
@@ -104,7 +103,7 @@ def _edge(y):
     N = min(N, TELLING)
     if N < FEWEST_SAMPLES:
         return None
-    power = _power(y[first:][:N])[1:-1]
+    power = power_of(y[first:][:N])[1:-1]
     f, smooth, _ = _averaged(power, N)
     smooth = median_filter(smooth, SMOOTHED)
     at = int(np.argmax(f**2 * smooth))    # that of walks is even, of white noise rises
@@ -147,14 +146,6 @@ def _averaged(power, N):
     return f, power[:whole].reshape(-1, many).mean(1), many
 
 
-def _power(y):
-    """Of the spectrum of a record (N,), through a Hann window, that of white noise on
-    average its variance.
-    """
-    return np.abs(rfft((y - y.mean()) * get_window("hann", len(y)))
-                  )**2 / (3.0 / 8.0 * len(y))
-
-
 def _butterworth(f, log_tan, log_poles):
     log_ratio = np.log(np.tan(np.pi * f)) - log_tan
     return 1.0 / (1.0 + np.exp(np.minimum(2.0 * np.exp(log_poles) * log_ratio, 600.0)))
@@ -174,8 +165,7 @@ def _second_order(f, log_tan, log_damping):
 
 
 def _mean_of(samples, times):
-    return lambda f: (np.sin(np.pi * samples * f) / (
-        samples * np.sin(np.pi * f)))**(2 * times)
+    return lambda f: passed_by_mean(f, samples)**times
 
 
 def _model(form, f, x):
@@ -198,7 +188,6 @@ def _likeliest(form, edge, least, shape):
         model = _model(form, f, x)
         return np.sum(np.log(model) + power / model)
     begin = np.array([np.log(edge.level), 2.0 * np.log(f[0]), np.log(0.01), *shape])
-    best = None
     for _ in range(ROUNDS):
         best = minimize(negative, begin, method="Nelder-Mead", options=dict(
             maxiter=MOST_STEPS, xatol=1e-3, fatol=1e-2, adaptive=True))
@@ -262,7 +251,7 @@ def _variances(y, cutoff, poles, white):
     """Of the white noise that a low-pass took from a record (N,) without a gap, were it
     all of it, (N,): as strong always, unless its energy where it passes changes.
     """
-    N, f, power = len(y), rfftfreq(len(y)), _power(y)
+    N, f, power = len(y), rfftfreq(len(y)), power_of(y)
     share = passed(cutoff, poles, f)
     passes, beyond = (f > cutoff / 3.0) & (share > 0.5), share < 0.01
     if passes.sum() < ENOUGH:

@@ -1,10 +1,11 @@
 """What the values of a record tell without a model of it: the lattice that they lie on,
-and the noise beneath it.
+the noise beneath it, and the spectrum.
 """
 
 import functools
 
 import numpy as np
+from scipy.signal import get_window
 
 TELLING = 20000     # samples that tell of a record what is the same everywhere
 FEWEST = 8          # samples that show what is rare
@@ -239,3 +240,19 @@ def not_foretold(true, near):
     """
     near = np.column_stack([np.ones(len(true)), near])
     return true - near @ np.linalg.lstsq(near, true)[0]
+
+
+def power_of(y):
+    """Of the spectrum of a record (N,), (N // 2 + 1,), through a Hann window; that of
+    white noise is its variance on average.
+    """
+    return np.abs(np.fft.rfft((y - y.mean()) * get_window("hann", len(y)))
+                  )**2 / (SQUARES_OF_HANN * len(y))
+
+
+SQUARES_OF_HANN = 3.0 / 8.0    # their mean
+
+
+def passed_by_mean(f, n):
+    """Share of the power at f cycles a sample that the mean of n samples leaves."""
+    return (np.sin(np.pi * n * f) / (n * np.sin(np.pi * f)))**2
