@@ -22,7 +22,7 @@ from sensorlab.gap.effects import fixed
 from sensorlab.gap.members import Member
 from sensorlab.gap.readings import Reading
 from sensorlab.gap.rival import Rival
-from sensorlab.gap.sought import StandIn
+from sensorlab.gap.sought import StandIn, sought
 
 
 @pytest.mark.parametrize("level", [0, 4])    # nothing, and an effect of 100 nats that
@@ -69,6 +69,19 @@ def test_waves_are_resolved_where_that_may_matter(size):
     none, step, waves = sample.log_evidence
     assert waves > none + 3.0 and (step > waves + directed.RESCUED) == (size > 0.0)
     assert (2 in grids) == (size == 0.0)
+
+
+@pytest.mark.parametrize("beside, resolved", [("correlated_noise", False),
+                                              ("outliers", True)])
+def test_waves_are_not_resolved_where_a_process_promises_far_more(beside, resolved):
+    slow = lfilter([1.0], [1.0, -0.95], np.random.default_rng(2).standard_normal(2000))
+    y = slow + sensorid.simulate(WHITE_OF_A_RANGE, DT, 2000, seed=4).error[0]
+    scene = Scene(y, DT, {})
+    base = account(scene, [member(scene, WHITE_OF_A_RANGE[0])])
+    waves, other = sought(scene, base, [CATALOGUE["ringing"], CATALOGUE[beside]]).rivals
+    assert waves.log_bayes > 3.0 and other.effect.name == beside
+    assert (waves.family in waves.stand_in.grids) == resolved
+    assert (other.log_bayes > waves.log_bayes + 100.0) != resolved
 
 
 def test_few_nodes_at_a_time_give_the_same_evidence(monkeypatch):
@@ -157,8 +170,9 @@ def test_what_is_known_of_one_spares_the_filters_of_all_others():
     scene = Scene(rng.standard_normal(500), DT, {})
     base = account(scene, [member(scene, WHITE_OF_A_RANGE[0])])
     some = [CATALOGUE[name] for name in ("correlated_noise", "bias_instability")]
-    one, other = inside.with_filters(inside.Inside(scene, scene, base, base), some,
-                                      True, 100.0, "bias_instability")
+    where = inside.Inside(scene, scene, base, base)
+    one, other = inside.with_filters(where, inside.told_inside(where, some), 100.0,
+                                     "bias_instability")
     assert one.effect is some[1] and one.account and one.log_bayes < 3.0
     assert other.effect is some[0] and not other.account
 

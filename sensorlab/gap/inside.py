@@ -19,7 +19,7 @@ from sensorlab.gap.kernels.mixtures import odd_at_first
 from sensorlab.gap.kernels.steps import RECENT
 from sensorlab.gap.linear import filter_of
 from sensorlab.gap.rival import (
-    Rival, different, floor_of, least_told, log_bayes_over, values_of)
+    MATTERS, Rival, different, floor_of, least_told, log_bayes_over, values_of)
 from sensorlab.gap.screens import (
     FEW, LITTLE, SCREENS, change_of_drive, change_of_level, noise_with, screened,
     usual_variance)
@@ -27,6 +27,8 @@ from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
 from sensorlab.gap.values import NOISY, less_rounding
 
 BY_SPECTRA = "band", "spectrum"    # how an effect inside the filter may be sought
+NEXT_TO_NOTHING = 0.1    # of the best ln B: of what has less by its spectrum, the filter
+                         # would not tell as much
 
 
 class _Where(NamedTuple):
@@ -134,10 +136,9 @@ def _after_low_passes(effect, acc):
         yield [h.behind_low_passes(base) for h, base in zip(acc.hypotheses, acc.bases)]
 
 
-def with_filters(inside, effects, processes, best, surely):
-    """Rivals that are inside the filter: models, if wanted, jumps and changes of
-    noise; `best` is the largest ln B of all others, and of that of the name `surely`,
-    which is fitted whatever is told of it.
+def told_inside(inside, effects, processes=True):
+    """Effects inside the filter: models, if wanted, jumps and changes of noise; and
+    about ln B of each, NaN where nothing knows it before it is fitted.
     """
     wanted = [effect for effect in effects if (
         effect.jumps or effect.drive
@@ -145,7 +146,14 @@ def with_filters(inside, effects, processes, best, surely):
         and _has_room(effect, inside.acc)]
     # what takes longest is first
     wanted = sorted(wanted, key=lambda effect: not effect.jumps)
-    told = dict(zip(wanted, _told_by_screens(inside, wanted)))
+    return dict(zip(wanted, _told_by_screens(inside, wanted)))
+
+
+def with_filters(inside, told, best, surely):
+    """Rivals that are inside the filter, of which so much is `told`; `best` is the
+    largest ln B of all others, and of that of the name `surely`, which is fitted
+    whatever is told of it.
+    """
     most, rivals = 0.0, []    # ln B of those that have a screen
     # where scores tell much, filters are first, then those of which most is told: the
     # others may do without
@@ -159,7 +167,8 @@ def with_filters(inside, effects, processes, best, surely):
                        for (column, variant), _, told in inside.promised(effect)
                        ] if effect.relative_to else [Rival(effect, "", about)]
             continue
-        own = inside.fitted(effect, best)
+        own = inside.fitted(effect, best, 0.0 if effect.name == surely else max(
+            NEXT_TO_NOTHING * best - MATTERS, 0.0))
         rivals += own
         here = max((one.log_bayes for one in own), default=0.0)
         best = max(best, here)

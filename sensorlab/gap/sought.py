@@ -10,7 +10,7 @@ from sensorid import brief
 from sensorlab.gap.account import Account, account, mean_evidence
 from sensorlab.gap.costs import say
 from sensorlab.gap.directed import directed, estimate_signature
-from sensorlab.gap.inside import Inside, rests_on_rounding, with_filters
+from sensorlab.gap.inside import Inside, rests_on_rounding, told_inside, with_filters
 from sensorlab.gap.lowpass import families_passing, low_pass_of
 from sensorlab.gap.rival import Rival, floor_of, least_told
 from sensorlab.gap.signatures import families
@@ -69,14 +69,21 @@ def sought(scene, acc, effects, processes=True, known=NO_OTHER):
         effects = [e for e in effects if not (e.columns and e.search in (
             "onset", "pulse"))]
     name, best = known
-    least = 0.0 if name else least_told(best)
     for_signatures, for_others = stand_ins(scene, acc)
-    every = [_with_signatures(scene, acc, pair, effects, least)
-             for pair in for_signatures]
+    even = _without_jumps(scene, acc, for_others)
+    inside = Inside(scene, even[0], acc, even[1])
+    told = told_inside(inside, effects, processes)
+    # signatures that come to far less than what a spectrum or a screen promises need
+    # not be known well
+    least = least_told(max([0.0 if name else best, *filter(
+        np.isfinite, told.values())]))
+    every = []
+    for pair in for_signatures:
+        own = _without_jumps(scene, acc, pair, [
+            even, *((one.scene, one.account) for one in every)])
+        every.append(_with_signatures(acc, *own, effects, least))
     rivals, *others = (one.rivals for one in every)
-    even, of_even = _without_jumps(scene, acc, for_others, every)
-    inside = Inside(scene, even, acc, of_even)
-    rivals += with_filters(inside, effects, processes, max(
+    rivals += with_filters(inside, told, max(
         [best, *(one.log_bayes for one in rivals)]), name)
     wrong = [effect for effect in effects if effect.factor]
     if processes:
@@ -95,11 +102,10 @@ def largest_bayes(scene, acc, effect):
     return max([0.0, *(one.log_bayes for one in sought(scene, acc, [effect]).rivals)])
 
 
-def _with_signatures(scene, acc, pair, effects, least):
-    """`StandIn` where signatures of some effects were sought; what comes to less than
-    the `least` ln B matters little.
+def _with_signatures(acc, plain, reference, effects, least):
+    """`StandIn` for an account, a scene and an account without jumps: where signatures
+    of some effects were sought; what comes to less than the `least` ln B matters little.
     """
-    plain, reference = _without_jumps(scene, acc, pair)
     listed = families(plain, effects, acc.signatures)
     low_pass = low_pass_of(acc.member, acc.theta)
     if low_pass:
@@ -111,14 +117,14 @@ def _with_signatures(scene, acc, pair, effects, least):
 
 def _without_jumps(scene, acc, pair, known=()):
     """The scene and the account where another effect is sought, of a pair of a scene
-    and hypotheses that stand in for those with jumps; those of a known `StandIn`, if
-    they are the same.
+    and hypotheses that stand in for those with jumps; those that are known, if they are
+    the same.
     """
     plain, hypotheses = pair
     if plain is scene:
         return scene, acc
-    for one in known:
-        if hypotheses == one.account.hypotheses and np.array_equal(
-                plain.y, one.scene.y, equal_nan=True):
-            return one.scene, one.account
+    for seen, own in known:
+        if hypotheses == own.hypotheses and np.array_equal(plain.y, seen.y,
+                                                           equal_nan=True):
+            return seen, own
     return plain, account(plain, hypotheses, signatures=acc.signatures, past=acc)
