@@ -10,7 +10,7 @@ from scipy.stats import norm
 import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator
-from sensorlab.gap import catalogue, clipping, readings, values, words
+from sensorlab.gap import catalogue, clipping, readings, repeats, values, words
 from sensorlab.gap.codes import uneven_codes
 
 
@@ -255,6 +255,39 @@ def test_parts_of_a_record_on_lattices_of_their_own_repeat_nothing(lsb):
                       y * np.where(np.arange(4000) < 1700, 1.0, 1.3217)):
             names = {r.found.name for r in readings.readings(Scene(moved, DT, {}))}
             assert names <= {"quantization"}
+
+
+def lost_at_times(lsb, low_pass, seed, share=0.02):
+    """A walk and white noise through a low-pass, in counts, and which of its samples
+    are up to five times the one before them once more.
+    """
+    rng, lost = np.random.default_rng(seed), np.zeros(5000, bool)
+    y = lfilter([np.sqrt(1.0 - low_pass**2)], [1.0, -low_pass], rng.standard_normal(
+        5000)) + np.cumsum(0.01 * rng.standard_normal(5000))
+    y = lsb * np.round(y / lsb)
+    for at in np.flatnonzero(rng.random(4990) < share) + 1:
+        if not lost[at]:
+            lost[at:at + rng.integers(1, 6)] = True
+    last = np.maximum.accumulate(np.where(lost, 0, np.arange(5000)))
+    return y[last], lost
+
+
+@pytest.mark.parametrize("lsb, low_pass", [
+    (0.05, 0.0), (0.25, 0.0), (0.25, 0.5), (0.25, 0.8), (0.5, 0.0), (0.5, 0.3)])
+def test_a_few_samples_lost_at_times_are_told_from_counts_that_meet(lsb, low_pass):
+    for seed in range(3):
+        y, lost = lost_at_times(lsb, low_pass, seed)
+        seen = repeats.repeated_at_random(y)
+        assert np.sum(seen & lost) > 0.4 * lost.sum()    # the rest may be chance
+        assert np.sum(seen & ~lost) < 0.35 * seen.sum()
+
+
+@pytest.mark.parametrize("low_pass", [0.0, 0.3, 0.6, 0.8, 0.9])
+@pytest.mark.parametrize("lsb", [0.2, 0.5, 0.8, 1.2, 2.0])
+def test_counts_that_meet_by_chance_are_no_lost_samples(lsb, low_pass):
+    for seed in range(20):
+        y, _ = lost_at_times(lsb, low_pass, seed, 0.0)
+        assert not repeats.repeated_at_random(y).any()
 
 
 def test_a_simulator_repeats_samples_at_random_where_no_record_does():

@@ -129,6 +129,7 @@ def _nearest(ties, rate, samples, N, reach, count):
 
 MOSTLY_NEW = 1.5    # times as many as by chance that must be, to tell where they are
 EARLIER = range(4, 10)   # samples, to values that equal one by chance
+LONGEST = 16             # ties in a row: of more a sensor is stuck
 
 
 def repeated_at_random(y):
@@ -137,8 +138,9 @@ def repeated_at_random(y):
 
     Where values lie on a lattice, some are equal by chance, which is as likely as that
     they equal an earlier one, the likelier the nearer they are; or, if the record runs
-    away from these, as that they are one spacing apart. Which of them these are says
-    nothing: as many as there are by chance are left out at random.
+    away from these, as that they are one spacing apart. How many are equal in a row
+    tells, too. Which of them are so by chance says nothing: as many as there should be
+    are left out at random.
     """
     return _repeated_in(np.asarray(y, float).tobytes())
 
@@ -153,18 +155,73 @@ def _repeated_in(y):
     if count < FEWEST or len(fresh) <= max(FEWEST, *EARLIER):
         return none
     lsb = lattice(fresh)
-    chance = _equal_on_lattice(y, fresh, lsb) if lsb else _equal_by_chance(fresh)
-    share = count / len(y)
+    if lsb:
+        return _repeated_on_lattice(y, same, fresh, lsb)
+    chance, share = _equal_by_chance(fresh), count / len(y)
     spans = np.sum(same[1:] & ~same[:-1])
-    parts = [part.sum() for part in np.array_split(same, 4)]
-    if (count < MOSTLY_NEW * chance or noise_where_calm(fresh) < SMOOTH_OVER * lsb
-            or count * np.log(count / max(chance, 1e-9)) < count - chance + CERTAIN
-            or spans < 0.5 * count * (1.0 - share) or min(parts) < count / 16
-            or not lsb and (lattice(y[same]) or lattice_between(fresh)
-                            or len(np.unique(y[same])) < FEWEST)):    # a dead zone
+    if (count < MOSTLY_NEW * chance or _gain(count, chance) < CERTAIN
+            or spans < 0.5 * count * (1.0 - share) or not _is_everywhere(same)
+            or lattice(y[same]) or lattice_between(fresh)
+            or len(np.unique(y[same])) < FEWEST):    # a dead zone
         return none
     keep = np.random.default_rng(0).random(len(y)) > chance / count
     return same & keep
+
+
+def _gain(count, chance):
+    """ln of how much likelier so many are as there are than by chance."""
+    return count * np.log(count / np.maximum(chance, 1e-9)) - count + chance
+
+
+def _is_everywhere(own):
+    """Does every quarter of a record have its share of what (N,) is its own?"""
+    return min(part.sum() for part in np.array_split(own, 4)) >= own.sum() / 16
+
+
+def _repeated_on_lattice(y, same, fresh, lsb):
+    """`repeated_at_random` of a record whose values lie on a lattice, of ties (N,) and
+    values that are none: what there is more of than by chance of runs of ties of every
+    length, of which there are surely more.
+    """
+    none, noise = np.zeros(len(y), bool), noise_where_calm(y[~np.isnan(y)])
+    if noise < lsb:    # a value that stayed where it is stays there longer
+        return none
+    start, length = runs(same)
+    several = np.arange(1, LONGEST + 1)
+    found = np.bincount(length[length <= LONGEST], minlength=LONGEST + 1)[1:]
+    chance = _chains_by_chance(y, fresh, lsb, several)
+    if noise < SMOOTH_OVER * lsb:    # of single ones it is not well known
+        chance[0] = np.inf
+    more = found > MOSTLY_NEW * chance
+    if found[more].sum() < FEWEST or _gain(found[more], chance[more]).sum() < CERTAIN:
+        return none
+    share = np.where(more, 1.0 - chance / np.maximum(found, 1), 0.0)
+    own = (length <= LONGEST) & (np.random.default_rng(0).random(len(length)) < share[
+        np.minimum(length, LONGEST) - 1])
+    result = within(start[own], length[own], len(y))
+    # what moves steadily through coarse counts is none, either
+    left = unpredicted(y[~np.isnan(y)][:TELLING])
+    return result if _is_everywhere(result) and left is not None and (
+        np.std(left) > lsb) else none
+
+
+def _chains_by_chance(y, fresh, lsb, several):
+    """How many runs of so many ties (m,) there are by chance: as often as one value
+    after another equals that some samples before, if each does so as often as
+    neighbours do.
+    """
+    N, one = len(y), _equal_on_lattice(y, fresh, lsb)
+    result = N * (one / N)**several
+    for lag in EARLIER:
+        equal = np.abs(y[lag:] - y[:-lag]) < 0.5 * lsb
+        often = one / max(equal.sum(), 1)
+        chain = np.ones(len(equal), bool)
+        for k in several:
+            chain = chain[:len(equal) - (k - 1) * lag] & equal[(k - 1) * lag:]
+            if not chain.any():
+                break
+            result[k - 1] = max(result[k - 1], chain.sum() * often**k)
+    return result * (1.0 - one / N)**2
 
 
 def _equal_on_lattice(y, fresh, lsb):
