@@ -83,15 +83,16 @@ class Identification:
 
 def covariance(Phi, Gamma, H, Psi, P0, n):
     """Covariance of y_1 ... y_n by the definition: y is a matrix times all the
-    noises."""
-    states, noises = Gamma.shape
+    noises, of which Gamma (states, noises) may be another at every sample."""
+    states, noises = Gamma.shape[-2:]
+    Gamma = np.broadcast_to(Gamma, (n, states, noises))
     rows = np.zeros((n, states + n * noises))
     Phi_power = [np.linalg.matrix_power(Phi, i) for i in range(n + 1)]
     for i in range(n):
         rows[i, :states] = (H @ Phi_power[i + 1])[0]
         for j in range(i + 1):
             at = states + j * noises
-            rows[i, at:at + noises] = (H @ Phi_power[i - j] @ Gamma)[0]
+            rows[i, at:at + noises] = (H @ Phi_power[i - j] @ Gamma[j])[0]
     noise = np.eye(states + n * noises)
     noise[:states, :states] = P0
     return rows @ noise @ rows.T + Psi[0, 0]**2 * np.eye(n)

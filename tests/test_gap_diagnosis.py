@@ -846,6 +846,24 @@ def test_a_low_pass_of_what_mostly_drifts_is_named(form, seed, b, a):
         assert abs(mean + 1.0 / np.log(0.75)) < 3.0 * sd < 0.5 * mean
 
 
+@pytest.mark.parametrize("order, form, ratio", [
+    large(2, "digital white noise", 1.35),
+    thorough(1, "digital first order white noise", 1.35),
+    thorough(2, "digital white noise", 0.6)])
+def test_noise_that_changes_before_a_digital_low_pass_is_named(order, form, ratio):
+    w = np.random.default_rng(10 + order).standard_normal(4000)
+    w[2300:] *= ratio
+    y = signal.lfilter(*signal.butter(order, 0.4), w)
+    d = sensorlab.diagnose(y, 0.01, sensorid.default_hypotheses(y, 0.01))
+    assert sorted(d.verdict.split("+")) == ["bandwidth", "noise_step"]
+    low_pass, change = sorted(d.found, key=lambda one: one.name)
+    assert low_pass.variant == form and d.after.p_value > 0.01
+    mean, sd = change.values["ratio"]
+    times = ratio if change.variant == "after the onset" else 1.0 / ratio
+    assert abs(mean - times) < 3.0 * sd < 0.1
+    assert abs(change.values["onset"][0] - 23.0) < 1.0
+
+
 @pytest.mark.thorough
 def test_outliers_behind_a_low_pass_do_not_hide_its_form():
     """They fill what it stops, until they are known."""
@@ -867,7 +885,7 @@ def test_what_joins_an_account_makes_a_form_that_uneven_noise_can_have():
         plain.member.with_effect(sensorlab.CATALOGUE[name], form)])
         for name, form in (("bandwidth", "digital"), ("noise_step", "")))
     both = pairs._with_last(scene, digital, changed)
-    assert [one.variant for one in both.member.effects] == ["second order", ""]
+    assert [one.variant for one in both.member.effects] == ["digital white noise", ""]
 
 
 @pytest.mark.parametrize("ends", [

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import DT, MODEL, member
 from numpy.testing import assert_allclose
+from scipy.signal import butter, lfilter
 from scipy.special import logsumexp, ndtri
 from scipy.stats import multivariate_normal
 
@@ -130,6 +131,29 @@ def test_evidence_of_an_unknown_onset_is_the_sum_over_all(effect):
         lambda theta: filters.log_likelihoods(h, scene, (), theta)[:, None],
         h.parameters, move=changes.onset_law(h, scene, ()))
     assert abs(s.log_evidence[0] - exact) < 0.1
+
+
+@pytest.mark.parametrize("form", ["digital", "digital first order", "second order"])
+@pytest.mark.parametrize("ratio", [0.35, 0.6, 1.3, 3.0])
+def test_onsets_behind_a_low_pass_are_drawn_where_their_mass_is(ratio, form):
+    """Where it is as if loud, what is stopped at half the rate is long remembered."""
+    w = np.random.default_rng(5).standard_normal(3000)
+    w[1700:] *= ratio
+    order = 1 if "first" in form else 2
+    scene = Scene(lfilter(*butter(order, 0.4), w), DT, {})
+    h = member(scene, sensorid.hypothesis("white_noise", sigma_v=1.0)).with_effect(
+        CATALOGUE["bandwidth"], form).with_effect(CATALOGUE["noise_step"])
+    tau = DT / (2.0 * np.tan(0.2 * np.pi))    # of the bilinear transform
+    h = h.fixed({("noise_step", "ratio"): ratio, (h.effects[0].key, "tau"): tau})
+    onset, theta = h.keys.index(h.onsets[0]), np.array([p.low for p in h.parameters])
+    every = np.tile(theta, (len(w) - 2 * MIN_SIDE, 1))
+    every[:, onset] = DT * (np.arange(MIN_SIDE, len(w) - MIN_SIDE) + 0.5)
+    exact = logsumexp(filters.log_likelihoods(h, scene, (), every)) - np.log(len(every))
+    u = (np.arange(400) + 0.5) / 400
+    drawn, log_ratio = changes.onset_law(h, scene, ())(
+        sensorid.at_quantiles(h.parameters, u[:, None]))
+    weight = filters.log_likelihoods(h, scene, (), drawn) + log_ratio
+    assert abs(logsumexp(weight) - np.log(len(u)) - exact) < 0.3
 
 
 @pytest.mark.large

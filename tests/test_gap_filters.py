@@ -305,6 +305,33 @@ def test_processes_of_two_states_are_those_of_the_dense_gaussian(more, variant):
                     np.linalg.solve(C, y), rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.parametrize("change, own", [
+    ("noise_step", dict(onset=15.0, ratio=ratio)) for ratio in (0.3, 1.25, 5.0)] + [
+    ("noise_ramp", dict(ratio=4.0)), ("walk_step", dict(onset=15.0, ratio=5.0))])
+@pytest.mark.parametrize("tau", [0.1, 0.25, 1.0])
+@pytest.mark.parametrize("variant", CATALOGUE["bandwidth"].variants)
+def test_what_is_low_passed_and_changes_is_the_dense_gaussian(variant, tau, change,
+                                                              own):
+    y = np.random.default_rng(2).standard_normal(60)
+    y[20:23] = np.nan
+    scene = Scene(y, DT, {}, rounding=0.01)    # a low-pass leaves less
+    h = member(scene, MODEL[0], change).with_effect(CATALOGUE["bandwidth"], variant)
+    at = dict(sigma_w=0.05, sigma_v=0.5, tau=tau, **own)
+    theta = np.array([[at.get(symbol, p.low) for (_, symbol), p in zip(
+        h.keys, h.parameters)]])
+    f, seen = h.filter(DT, theta[0]), ~np.isnan(y)
+    C = h.bias_sigma**2 + naive.covariance(f.Phi[0], f.Gamma, f.H,
+                                           f.Psi * np.ones((60, 1)), f.P0, 60)
+    C, y = C[np.ix_(seen, seen)], y[seen]
+    expected = multivariate_normal(cov=C).logpdf(y)
+    assert_allclose(filters.predict(h, scene, (), theta).log_likelihood, expected,
+                    rtol=1e-6)
+    assert_allclose(filters.log_likelihoods(h, scene, (), theta), expected, rtol=1e-6)
+    assert_allclose(backward.solve(h, scene, (), theta).residual[0, seen],
+                    np.linalg.solve(C, y), rtol=1e-4, atol=1e-6 * np.abs(
+                        np.linalg.solve(C, y)).max())
+
+
 @pytest.mark.parametrize("variant", CATALOGUE["bandwidth"].variants)
 def test_what_is_low_passed_may_change_its_variance(variant):
     scene = Scene(np.random.default_rng(2).standard_normal(60), DT, {})

@@ -149,5 +149,5 @@ def _spectra(h, scene, theta, b):
         count = there.sum(1)
         times = np.where(count, (there * change.times).sum(1), 1.0)
         result.append((count / len(scene.y), modes_of(h, driven_bank(
-            b, change.states, times / np.maximum(count, 1)))))
+            b, change, times / np.maximum(count, 1)))))
     return tuple(result)

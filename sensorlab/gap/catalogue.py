@@ -346,10 +346,9 @@ CATALOGUE = {effect.name: effect for effect in (
            of_all=(("digital", "digital white noise"),
                    ("digital first order", "digital first order white noise"),
                    (processes.EXPONENTIAL, "first order")),
-           uneven=(("digital", "second order"), ("digital first order", "first order"),
-                   (processes.EXPONENTIAL, "first order"),
-                   ("digital white noise", "second order"),
-                   ("digital first order white noise", "first order")),
+           uneven=(("digital", "digital white noise"),
+                   ("digital first order", "digital first order white noise"),
+                   (processes.EXPONENTIAL, "first order")),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
            equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
                     "+ sqrt(2) tau dV/dt = v - V, sampled, with the density that v has "
@@ -358,8 +357,8 @@ CATALOGUE = {effect.name: effect for effect in (
                     "1 / (2 pi tau), or an exponential one, y + a (Y - y) with a = "
                     "exp(-dt / tau) and Y the value before, has random walks, Markov "
                     "processes, narrow-band noise, what begins at some time and what "
-                    "follows a column pass it, too, or the white noise alone, if no "
-                    "noise changes; tau in s",
+                    "follows a column pass it, too, or, as always where a noise "
+                    "changes, the white noise alone; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("blue_noise", model=processes.blue_noise, elementwise=True,
            search="spectrum",

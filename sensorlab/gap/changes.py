@@ -16,7 +16,8 @@ from sensorlab.gap.parts import in_parts, parts_at
 SETTLES = 64            # samples in which gains may have settled, for a law of onsets
 STRAY_SHARE = 0.1       # probability of an onset anywhere at all
 ONSET_BIN = 16          # samples whose likeliest onset stands for all of them at first
-WILD_SQUARE = 25.0      # squared standard score of what may be an outlier
+WILD_SQUARE = 25.0      # squared standard score of what may be an outlier, where the
+                        # noise is the stronger
 
 
 @njit(**INSIDE)
@@ -60,8 +61,8 @@ def draw_onsets(y, h, own, pair, rise, early, late, u, least, most):
     of variance late (M,) from there on nearly give the likelihood of every onset at
     once. A law to draw from need not be exact: gains are kept once they have settled,
     and what may be an outlier or follows a gap counts little. y (N,) is a record less
-    all constants, h (n,) observes the states, whose noises rise (2, M, 1) before and
-    after.
+    all constants, h (n,) observes the states, own (2, 10, M, n), whose noises rise (2,
+    M, 1), were it always as before, and as after.
     """
     onset, density = np.zeros((2, len(u)))
     # as many on any machine, since gains are kept once those of all lanes have settled;
@@ -77,17 +78,23 @@ def draw_onsets(y, h, own, pair, rise, early, late, u, least, most):
 def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, early, late, u,
                        least, most, onset, density):
     """Groups of `draw_onsets`."""
-    (M, n), N = own.shape[1:], len(y)
+    (M, n), N = own.shape[2:], len(y)
     for group in range(first, last):
         start, number = group * lanes, min(lanes, M - group * lanes)
         node = np.minimum(start + np.arange(lanes), M - 1)
         parts, P = np.empty((6, n, lanes)), np.empty((n, n, lanes))
-        odds = np.zeros((N, lanes))
+        odds, wild = np.zeros((N, lanes)), np.empty(lanes)
         for changed in range(2):
-            load(own, pair, node, parts, P)
-            drive(own, node, rise[changed], 0, True, parts)
-            _add_scores(y, h, pair, parts, P, (late if changed else early)[node],
-                        changed - 0.5, odds)
+            load(own[changed], pair, node, parts, P)
+            drive(own[changed], node, rise[changed], 0, True, parts)
+            r, other = (late, early) if changed else (early, late)
+            for g in range(lanes):
+                at = node[g]
+                louder = (1.0 + rise[1 - changed, at, 0]) / (1.0 + rise[changed, at, 0])
+                if other[at] > r[at]:
+                    louder = max(louder, other[at] / r[at])
+                wild[g] = WILD_SQUARE * max(louder, 1.0)
+            _add_scores(y, h, pair, parts, P, r[node], wild, changed - 0.5, odds)
         peak = np.full(((most - least - 1) // ONSET_BIN + 1, lanes), -np.inf)
         for i in range(1, most):
             for g in range(lanes):
@@ -103,9 +110,10 @@ def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, early, late, u
 
 
 @njit(**INSIDE)
-def _add_scores(y, h, pair, parts, P, r, factor, odds):
+def _add_scores(y, h, pair, parts, P, r, wild, factor, odds):
     """ln f + nu^2/f of every sample times a factor, added to odds (N, lanes), of
-    filters abreast of white noise of variance r (lanes,).
+    filters abreast of white noise of variance r (lanes,); nu^2/f is `wild` (lanes,) at
+    most.
     """
     n, lanes = len(h), len(r)
     x, Ph, gain = np.zeros((n, lanes)), np.empty((n, lanes)), np.empty(lanes)
@@ -119,7 +127,7 @@ def _add_scores(y, h, pair, parts, P, r, factor, odds):
             observe_covariance(parts, pair, h, P, Ph, f)
             for g in range(lanes):
                 weight[g], log_f[g] = 1.0 / f[g], np.log(f[g])
-                least[g] = np.sqrt(WILD_SQUARE * f[g])
+                least[g] = np.sqrt(wild[g] * f[g])
             update_covariance(P, Ph, weight)
             if i % SETTLES == SETTLES - 1:
                 settled = True
@@ -177,7 +185,8 @@ def onset_law(h, scene, signatures):
         rise = np.array([part.rise[:, :1] if len(part.rise) else np.zeros(
             (len(theta), 1)) for part in (early, late)])
         onset, density = draw_onsets(
-            rest, early.h, early.own, early.pair, rise, early.r[:, 0].copy(),
-            late.r[:, -1].copy(), (theta[:, at] - low) / (high - low), least, most)
+            rest, early.h, np.array([early.own, late.own]), early.pair, rise,
+            early.r[:, 0].copy(), late.r[:, -1].copy(),
+            (theta[:, at] - low) / (high - low), least, most)
         return at_onset(theta, onset * scene.dt), -density
     return OnsetLaw(moved, (at,))

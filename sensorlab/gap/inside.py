@@ -27,7 +27,7 @@ from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
 from sensorlab.gap.values import NOISY, less_rounding
 
 BY_SPECTRA = "band", "spectrum"    # how an effect inside the filter may be sought
-NEXT_TO_NOTHING = 0.1    # of the best ln B: of what has less by its spectrum, the filter
+NEXT_TO_NOTHING = 0.1    # of the best ln B: of what has less by its spectrum, a filter
                          # would not tell as much
 
 

@@ -54,7 +54,7 @@ def with_constants(h, scene, signatures, theta):
     one = parts_at(h, scene, theta)
     variance = constants(h, signatures)
     k, n = len(variance), len(one.pair)
-    more = np.zeros((8, len(theta), k))
+    more = np.zeros((10, len(theta), k))
     more[0], more[4] = 1.0, variance
     H = np.column_stack([np.tile(np.append(one.h, 1.0), (len(scene.y), 1)),
                          *(s.columns for s in signatures)])
@@ -268,5 +268,6 @@ def summed(b, parts, rows, pairs):
 
 def cut(b, parts, first, last):
     """A timeless bank and its `Parts` for the samples from the first to the last."""
-    r = b.r if b.r.shape[1] == 1 else b.r[:, first:last]
-    return b._replace(r=r), parts._replace(r=r, rise=parts.rise[:, first:last])
+    own, r = (part if part.shape[1] == 1 else part[:, first:last]
+              for part in (b.r, parts.r))
+    return b._replace(r=own), parts._replace(r=r, rise=parts.rise[:, first:last])

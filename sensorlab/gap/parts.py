@@ -36,19 +36,25 @@ def _on_average(h, scene, theta):
     """`processes` of few nodes."""
     b, change = even_bank(h, scene, theta), change_at(h, scene, theta)
     if change:
-        b = driven_bank(b, change.states, change.times.mean(1))
+        b = driven_bank(b, change, change.times.mean(1))
     own = modes_of(h, b)
     return own._replace(r=own.r.mean(1, keepdims=True))
 
 
 def even_bank(h, scene, theta):
     """`Bank` of a hypothesis at theta (M, p), its states driven evenly."""
+    b, momentary = _with_momentary(h, scene, theta)
+    return _apart(_without_states(b, momentary), h.own_states)
+
+
+def _with_momentary(h, scene, theta):
+    """The same with states that have no memory, and which these are."""
     even, theta = h.evenly_driven(theta)
     b = bank(even, scene.dt, theta)
     momentary = _momentary(b)
     if momentary.any():
         momentary[:h.own_states] = False    # those of effects alone
-    return _apart(_without_states(b, momentary), h.own_states)
+    return b, momentary
 
 
 def _momentary(b):
@@ -151,7 +157,10 @@ class Change(NamedTuple):
     """Some states are not driven evenly, at M nodes."""
 
     states: np.ndarray    # their numbers
-    times: np.ndarray     # (M, N) as large the variances of their noises are
+    times: np.ndarray     # (M, N) as large the variances of their noises are, as is ...
+    white: np.ndarray     # (M, 1) ... that in place of states that had no memory, ...
+    told: np.ndarray      # (M, n, n) ... and S of `_without_states`, of which this is
+                          # Phi S Phi', what is left of it a sample later
 
 
 def change_at(h, scene, theta):
@@ -159,19 +168,26 @@ def change_at(h, scene, theta):
     one = h.driven
     if not one:
         return None
-    return Change(h.states_driven(one.effect),
-                  h.strength(one, theta)[:, :len(scene.y)]**2)
+    b, momentary = _with_momentary(h, scene, theta)
+    keep, states = ~momentary, h.states_driven(one.effect)
+    lean, with_white = _without_states(b, momentary), momentary[states].any()
+    kept, Phi = np.ix_(range(len(b.P0)), keep, keep), lean.Phi[:, 0]
+    return Change((np.cumsum(keep) - 1)[states[keep[states]]],
+                  h.strength(one, theta)[:, :len(scene.y)]**2,
+                  with_white * (lean.r - b.r), with_white * (
+                      Phi @ (lean.P0 - b.P0[kept]) @ Phi.swapaxes(1, 2)))
 
 
-def driven_bank(b, states, times):
-    """A bank of which some states are driven by noises of so many times (M,) the
+def driven_bank(b, change, times):
+    """A bank with a `Change` that is the same at all times, so many times (M,) the
     variance.
     """
-    own, factor = np.s_[..., states[:, None], states], times[:, None, None]
+    states, factor = change.states, times[:, None, None]
+    own = np.s_[..., states[:, None], states]
     Q, P0 = b.Q.copy(), b.P0.copy()
     Q[own] *= factor[..., None]
     P0[own] *= factor
-    return b._replace(Q=Q, P0=P0)
+    return b._replace(Q=Q, P0=P0, r=b.r + change.white * (times[:, None] - 1.0))
 
 
 def modes_of(h, b):
@@ -241,10 +257,11 @@ def leaked(own, N, back):
 class Parts(NamedTuple):
     """Filters that fall apart into processes of one state and of two, at M nodes."""
 
-    own: np.ndarray     # (8, M, n) factors of a state and of the other one of its pair,
-                        # variances of the noises and their covariances with that of
-                        # the other, both of the states at first, and what is added
-                        # to those of the noises, `rise` times
+    own: np.ndarray     # (10, M, n) factors of a state and of the other one of its
+                        # pair, variances of the noises and their covariances with that
+                        # of the other, both of the states at first, what is added to
+                        # those of the noises, `rise` times, and what is, as many times
+                        # as that is more than before
     pair: np.ndarray    # (n,) number of the other state, or its own
     h: np.ndarray       # (n,) what observes the states
     r: np.ndarray       # (M, 1 or N) variance of the white noise
@@ -265,7 +282,7 @@ def parts_of(h, b):
     beside = (pair != np.arange(n)) * 1.0
     own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
            for part in (m[:, range(n), range(n)], m[:, range(n), pair] * beside)]
-    return Parts(np.array([*own, *np.zeros((2, *own[0].shape))]), pair, b.H[0, 0], b.r)
+    return Parts(np.array([*own, *np.zeros((4, *own[0].shape))]), pair, b.H[0, 0], b.r)
 
 
 def parts_at(h, scene, theta, b=None):
@@ -276,7 +293,12 @@ def parts_at(h, scene, theta, b=None):
     change = change_at(h, scene, theta)
     if not change:
         return one
-    one.own[6:, :, change.states] = one.own[2:4, :, change.states]
+    one.own[6:8, :, change.states] = one.own[2:4, :, change.states]
+    states = np.arange(len(one.pair))
+    one.own[8], one.own[9] = change.told[:, states, states], change.told[
+        :, states, one.pair] * (one.pair != states)
     if h.driven.effect.of_white:    # a low-pass was at rest with the noise at first
         one.own[4:6, :, change.states] *= change.times[:, :1]
-    return one._replace(rise=change.times - 1.0)
+    rise = change.times - 1.0
+    return one._replace(rise=rise, r=one.r + change.white * rise
+                        if change.white.any() else one.r)

@@ -104,7 +104,8 @@ def largest_bayes(scene, acc, effect):
 
 def _with_signatures(acc, plain, reference, effects, least):
     """`StandIn` for an account, a scene and an account without jumps: where signatures
-    of some effects were sought; what comes to less than the `least` ln B matters little.
+    of some effects were sought; what comes to less than the `least` ln B matters
+    little.
     """
     listed = families(plain, effects, acc.signatures)
     low_pass = low_pass_of(acc.member, acc.theta)

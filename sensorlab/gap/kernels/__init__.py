@@ -16,11 +16,12 @@ number of lanes from an array: one over 16 that are known to be 16 would be unro
 not vectorised, nor is `min` or `max` of two numbers; a step that calls another, and
 a view of a row, count references, which takes as long as a step of few lanes.
 
-h (n,) observes the states; of a covariance the lower half is kept. A state is eight
+h (n,) observes the states; of a covariance the lower half is kept. A state is ten
 numbers, as `parts.Parts` has them: its factor a, and b of the other state of its pair;
 variance q of its noise, and covariance c with that of the other; both of the state at
-first; what is added to q and c, `rise` times, at each sample. pair (n,) is the number
-of the other state, or its own. (The bank of `sensorid` has steps of its own, which end
+first; what is added to q and c, `rise` times, at each sample; and what is, as many
+times as that is more than before. pair (n,) is the number of the other state, or its
+own. (The bank of `sensorid` has steps of its own, which end
 where gains have converged: tests/bench_gap.py has both.)
 
 Kernels do the groups first ... last - 1 and are called through `in_threads`: a parallel

@@ -128,10 +128,13 @@ def drive(own, node, rise, i, anew, parts):
     """
     for g in range(parts.shape[2]):
         at = node[g]
-        if anew or rise[at, i] != rise[at, i - 1]:
+        now, last = rise[at, i], rise[at, max(i - 1, 0)]
+        if anew or now != last or last != rise[at, max(i - 2, 0)]:
             for s in range(own.shape[2]):
-                parts[2, s, g] = own[2, at, s] + rise[at, i] * own[6, at, s]
-                parts[3, s, g] = own[3, at, s] + rise[at, i] * own[7, at, s]
+                parts[2, s, g] = own[2, at, s] + now * own[6, at, s] + (
+                    now - last) * own[8, at, s]
+                parts[3, s, g] = own[3, at, s] + now * own[7, at, s] + (
+                    now - last) * own[9, at, s]
 
 
 @njit(**INSIDE)

@@ -30,7 +30,7 @@ def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out, moved=0):
     """Log-likelihoods (R, M) of records under filters with outliers and two levels, or
     a level that steps.
 
-    y (R, N); H (N, n) observes n states; own (8, M, n), pair (n,), rise (M or 0, N)
+    y (R, N); H (N, n) observes n states; own (10, M, n), pair (n,), rise (M or 0, N)
     and r (M, 1 or N) are the parts of `parts.Parts`; outlier (M, 2) = rate,
     variance; jump (M, 5) = probabilities that the second level begins and that it ends,
     half the distance of the levels, variance that the second adds to the noise, and

@@ -18,7 +18,7 @@ def plain_gains(H, own, pair, rise, r, gap, gain, f):
     """Of a filter without jumps what no record changes, in place: gain (N, n), by which
     the innovation of a sample moves the states, and its variance f (N,).
 
-    H (N or 1, n) observes n states; own (8, n), pair (n,), rise (0 or N,) and r (1 or
+    H (N or 1, n) observes n states; own (10, n), pair (n,), rise (0 or N,) and r (1 or
     N,) are the parts of one node; nothing is seen in a gap (N,).
     """
     (N, n), q, c = gain.shape, own[2].copy(), own[3].copy()
@@ -30,9 +30,10 @@ def plain_gains(H, own, pair, rise, r, gap, gain, f):
     Ph, largest = np.empty(n), 0.0
     for i in range(N):
         if len(rise):
+            more = rise[i] - rise[max(i - 1, 0)]
             for s in range(n):
-                q[s] = own[2, s] + rise[i] * own[6, s]
-                c[s] = own[3, s] + rise[i] * own[7, s]
+                q[s] = own[2, s] + rise[i] * own[6, s] + more * own[8, s]
+                c[s] = own[3, s] + rise[i] * own[7, s] + more * own[9, s]
         h = H[min(i, len(H) - 1)]
         turn_covariance(turned, pair, P)
         for s in range(n):
