@@ -50,6 +50,17 @@ def test_two_that_take_each_others_place_are_both_named():
     assert verdict(**rivals, temperature=0.33) == "temperature"
 
 
+def test_what_is_surely_there_is_named_even_if_not_which_it_is():
+    rivals = dict(wrong_parameter=0.39, correlated_noise=0.19, walk_step=0.16,
+                  random_telegraph_and_wrong_parameter=0.05)
+    assert verdict(**rivals, bias_instability=0.17, none=0.04
+                   ) == "wrong_parameter or correlated_noise"
+    ((members, total),) = split_families(sets(**rivals))
+    assert members == ("wrong_parameter", "correlated_noise")
+    assert total == pytest.approx(0.63)
+    assert verdict(**rivals, none=0.12, unknown=0.09) == "undecided"
+
+
 def test_of_several_of_one_name_as_many_are_named_as_are_probable():
     """A third step may be a gradual one."""
     assert verdict(bias_step_and_bias_step_and_gradual_step=0.45,

@@ -116,8 +116,8 @@ def _named(causes):
 
 def split_families(causes):
     """(members, probability that any is there) of every family that is more probable
-    than not, but none of whose members is named; of those, too, that are beside what is
-    named in nearly all sets, now one and now the other.
+    than not, but none of whose members is named; of those, too, of which nearly all
+    sets have one beside what is named, if anything is.
     """
     chance, named, result = present(causes), _named(causes), []
     sure = [name for name, _ in named]
@@ -127,10 +127,10 @@ def split_families(causes):
         total = sum(c.probability for c in causes if set(c.effects) & set(family))
         if len(members) > 1 and total >= SURE and not set(family) & set(sure):
             result.append((tuple(members), total))
-    found = {*named} - {("none", 0), ("unknown", 0)}
+    nothing = {("none", 0), ("unknown", 0)}
     alone = sum(c.probability for c in causes
-                if {*_numbered(c)} - {("unknown", 0)} == found)
-    if found and not result and alone < RARE:
+                if {*_numbered(c)} - nothing == {*named} - nothing)
+    if not result and alone < RARE:
         every = _present(causes)
         # of one name, the first that is not named
         rest = sorted(((name, number) for (name, number), p in every.items()
