@@ -195,7 +195,7 @@ def _repeated_on_lattice(y, same, fresh, lsb):
     more = found > MOSTLY_NEW * chance
     if found[more].sum() < FEWEST or _gain(found[more], chance[more]).sum() < CERTAIN:
         return none
-    share = np.where(more, 1.0 - chance / np.maximum(found, 1), 0.0)
+    share = np.maximum(1.0 - chance / np.maximum(found, 1), 0.0)
     own = (length <= LONGEST) & (np.random.default_rng(0).random(len(length)) < share[
         np.minimum(length, LONGEST) - 1])
     result = within(start[own], length[own], len(y))
