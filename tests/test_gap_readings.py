@@ -282,10 +282,11 @@ def test_a_few_samples_lost_at_times_are_told_from_counts_that_meet(lsb, low_pas
         assert np.sum(seen & ~lost) < 0.35 * seen.sum()
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("low_pass", [0.0, 0.3, 0.6, 0.8, 0.9])
 @pytest.mark.parametrize("lsb", [0.2, 0.5, 0.8, 1.2, 2.0])
 def test_counts_that_meet_by_chance_are_no_lost_samples(lsb, low_pass):
-    for seed in range(20):
+    for seed in range(12):
         y, _ = lost_at_times(lsb, low_pass, seed, 0.0)
         assert not repeats.repeated_at_random(y).any()
 
