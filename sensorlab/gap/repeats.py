@@ -155,14 +155,20 @@ def _repeated_in(y):
     if count < FEWEST or len(fresh) <= max(FEWEST, *EARLIER):
         return none
     lsb = lattice(fresh)
-    if lsb:
-        return _repeated_on_lattice(y, same, fresh, lsb)
-    chance, share = _equal_by_chance(fresh), count / len(y)
+    chance = _equal_on_lattice(y, fresh, lsb) if lsb else _equal_by_chance(fresh)
+    share = count / len(y)
     spans = np.sum(same[1:] & ~same[:-1])
-    if (count < MOSTLY_NEW * chance or _gain(count, chance) < CERTAIN
+    known = noise_where_calm(fresh) >= SMOOTH_OVER * lsb
+    found = np.bincount(np.minimum(runs(same)[1], LONGEST + 1), minlength=LONGEST + 2)
+    alike = len(y) * share**np.arange(1, LONGEST + 1) * (1.0 - share)**2
+    if lsb and not (known and _gain(found[1:-1], alike).sum() < CERTAIN):
+        in_a_row = _repeated_in_a_row(y, same, lsb, chance, known)
+        if in_a_row.any():
+            return in_a_row
+    if (count < MOSTLY_NEW * chance or _gain(count, chance) < CERTAIN or not known
             or spans < 0.5 * count * (1.0 - share) or not _is_everywhere(same)
-            or lattice(y[same]) or lattice_between(fresh)
-            or len(np.unique(y[same])) < FEWEST):    # a dead zone
+            or not lsb and (lattice(y[same]) or lattice_between(fresh)
+                            or len(np.unique(y[same])) < FEWEST)):    # a dead zone
         return none
     keep = np.random.default_rng(0).random(len(y)) > chance / count
     return same & keep
@@ -170,7 +176,7 @@ def _repeated_in(y):
 
 def _gain(count, chance):
     """ln of how much likelier so many are as there are than by chance."""
-    return count * np.log(count / np.maximum(chance, 1e-9)) - count + chance
+    return xlogy(count, count / np.maximum(chance, 1e-9)) - count + chance
 
 
 def _is_everywhere(own):
@@ -178,24 +184,24 @@ def _is_everywhere(own):
     return min(part.sum() for part in np.array_split(own, 4)) >= own.sum() / 16
 
 
-def _repeated_on_lattice(y, same, fresh, lsb):
-    """`repeated_at_random` of a record whose values lie on a lattice, of ties (N,) and
-    values that are none: what there is more of than by chance of runs of ties of every
-    length, of which there are surely more.
+def _repeated_in_a_row(y, same, lsb, chance, known):
+    """`repeated_at_random` of a record whose values lie on a lattice, of ties (N,), of
+    which so many are by chance, where they are not alone or in a row as if each came by
+    itself: what there is more of than by chance of runs of every length, but of single
+    ones only if their number is `known`.
     """
-    none, noise = np.zeros(len(y), bool), noise_where_calm(y[~np.isnan(y)])
-    if noise < lsb:    # a value that stayed where it is stays there longer
+    none, several = np.zeros(len(y), bool), np.arange(1, LONGEST + 1)
+    if noise_where_calm(y[~np.isnan(y)]) < lsb:    # what stayed once stays longer
         return none
     start, length = runs(same)
-    several = np.arange(1, LONGEST + 1)
     found = np.bincount(length[length <= LONGEST], minlength=LONGEST + 1)[1:]
-    chance = _chains_by_chance(y, fresh, lsb, several)
-    if noise < SMOOTH_OVER * lsb:    # of single ones it is not well known
-        chance[0] = np.inf
-    more = found > MOSTLY_NEW * chance
-    if found[more].sum() < FEWEST or _gain(found[more], chance[more]).sum() < CERTAIN:
+    by_chance = _chains_by_chance(y, chance, lsb, several)
+    by_chance[0] = by_chance[0] if known else np.inf
+    more = found > MOSTLY_NEW * by_chance
+    if found[more].sum() < FEWEST or _gain(found[more], by_chance[more]
+                                           ).sum() < CERTAIN:
         return none
-    share = np.maximum(1.0 - chance / np.maximum(found, 1), 0.0)
+    share = np.maximum(1.0 - by_chance / np.maximum(found, 1), 0.0)
     own = (length <= LONGEST) & (np.random.default_rng(0).random(len(length)) < share[
         np.minimum(length, LONGEST) - 1])
     result = within(start[own], length[own], len(y))
@@ -205,23 +211,23 @@ def _repeated_on_lattice(y, same, fresh, lsb):
         np.std(left) > lsb) else none
 
 
-def _chains_by_chance(y, fresh, lsb, several):
-    """How many runs of so many ties (m,) there are by chance: as often as one value
-    after another equals that some samples before, if each does so as often as
-    neighbours do.
+def _chains_by_chance(y, ties, lsb, several):
+    """How many runs of so many ties (m,) there are by chance, if it makes so many ties:
+    as often as one value after another equals that some samples before, if each does so
+    as often as neighbours do.
     """
-    N, one = len(y), _equal_on_lattice(y, fresh, lsb)
-    result = N * (one / N)**several
+    N = len(y)
+    result = N * (ties / N)**several
     for lag in EARLIER:
         equal = np.abs(y[lag:] - y[:-lag]) < 0.5 * lsb
-        often = one / max(equal.sum(), 1)
+        often = ties / max(equal.sum(), 1)
         chain = np.ones(len(equal), bool)
         for k in several:
             chain = chain[:len(equal) - (k - 1) * lag] & equal[(k - 1) * lag:]
             if not chain.any():
                 break
             result[k - 1] = max(result[k - 1], chain.sum() * often**k)
-    return result * (1.0 - one / N)**2
+    return result * (1.0 - ties / N)**2
 
 
 def _equal_on_lattice(y, fresh, lsb):
