@@ -17,6 +17,7 @@ import sensorlab
 from sensorlab import Found, Scene
 from sensorlab.gap import account, causes, known, members, pairs, tuning, words
 from sensorlab.gap.effects import fixed
+from sensorlab.gap.search import EXPLAINED
 from sensorlab.gap.verdict import SLIGHT
 
 EFFECTS = {**sensorlab.CATALOGUE, "unknown": causes.UNKNOWN}
@@ -126,14 +127,23 @@ def test_an_effect_outside_the_catalogue_is_unknown():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("effect", ["garch", "chirp", "cubic_temperature"])
+@pytest.mark.parametrize("effect", ["chirp", "cubic_temperature"])
 def test_what_a_neighbour_does_not_explain_is_left(effect):
-    """A neighbour stands beside it: noise that has two levels, a colour that stays, the
-    line nearest to a curve.
+    """A neighbour stands beside it: a colour that stays, the line nearest to a curve.
     """
     d = diagnosed(generator.record(300, 1, [effect], level=4))
     assert "unknown" in d.verdict.split("+") and d.remainder.share > SLIGHT
     assert "hysteresis" not in d.verdict
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_what_bursts_do_not_explain_of_noise_that_wanders_is_left(number):
+    """Of some records, noise of two levels, and one step of it, explain all."""
+    d = diagnosed(generator.record(300, number, ["garch"], level=4))
+    names = d.verdict.split("+")
+    assert "noise_bursts" in names and d.remainder.share > SLIGHT
+    assert ("unknown" in names) == (d.remainder.p_value < EXPLAINED)
 
 
 @pytest.mark.parametrize("count, size, seed", [

@@ -9,7 +9,7 @@ from sensorlab.gap.kernels.adjoint import STEP, adjoint
 from sensorlab.gap.kernels.arithmetic import dot, row_products
 from sensorlab.gap.linear import Filter, constants, cut, filter_at, marginal, summed
 from sensorlab.gap.parts import (
-    EPSILON, Parts, change_at, driven_bank, even_bank, modes_of, parts_at)
+    EPSILON, Parts, bank_at, driven_bank, modes_of, parts_of)
 
 
 class Solved(NamedTuple):
@@ -75,8 +75,8 @@ def solve(h, scene, signatures, theta, low_pass=None):
     y = np.where(np.isnan(scene.y), 0.0, scene.y)
     observed = 1.0 - np.isnan(scene.y)
     X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
-    b = even_bank(h, scene, theta)
-    one = parts_at(h, scene, theta, b)
+    b, change = bank_at(h, scene, theta)
+    one = parts_of(h, b, change)
     w, shocks, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.rise,
                                  one.r, low_pass.shock(scene.dt) if low_pass else STEP)
     c, M, N = w.shape
@@ -85,7 +85,7 @@ def solve(h, scene, signatures, theta, low_pass=None):
     residual, w = w[0], w[1:]
     for node, size in enumerate(known.size):
         residual[node] -= np.einsum("j, ji -> i", size, w[:, node])
-    spectra = _spectra(h, scene, theta, b)
+    spectra = _spectra(h, b, change, len(theta))
     return Solved(known.log_likelihood + h.log_joint(theta), residual, w,
                   known.covariance, shocks[0], known.size, spectra, b, one, _rounding(
                       spectra, b, one, observed, shocks[0]), passed=shocks[-1],
@@ -137,17 +137,16 @@ def _rounding(spectra, b, parts, observed, steps):
     return TIMES * np.abs(twice - 1.0).max(0)
 
 
-def _spectra(h, scene, theta, b):
-    """Shares of the record, (M,), and the `Modes` of a hypothesis there: where its
-    noise is weaker than on average, and where not.
+def _spectra(h, b, change, count):
+    """Shares of the record, (M,), and the `Modes` of a hypothesis with a bank and a
+    `Change` there: where its noise is weaker than on average, and where not.
     """
-    change = change_at(h, scene, theta)
     if not change:
-        return (np.ones(len(theta)), modes_of(h, b)),
+        return (np.ones(count), modes_of(h, b)),
     weaker, result = change.times < change.times.mean(1, keepdims=True), []
     for there in weaker, ~weaker:
         count = there.sum(1)
         times = np.where(count, (there * change.times).sum(1), 1.0)
-        result.append((count / len(scene.y), modes_of(h, driven_bank(
+        result.append((count / there.shape[1], modes_of(h, driven_bank(
             b, change, times / np.maximum(count, 1)))))
     return tuple(result)

@@ -16,8 +16,7 @@ from sensorlab.gap.parts import in_parts, parts_at
 SETTLES = 64            # samples in which gains may have settled, for a law of onsets
 STRAY_SHARE = 0.1       # probability of an onset anywhere at all
 ONSET_BIN = 16          # samples whose likeliest onset stands for all of them at first
-WILD_SQUARE = 25.0      # squared standard score of what may be an outlier, where the
-                        # noise is the stronger
+WILD_SQUARE = 25.0      # squared standard score of what may be an outlier
 
 
 @njit(**INSIDE)
@@ -53,16 +52,17 @@ def _draw_onset(gain, peak, u):
     return onset, np.log((1.0 - STRAY_SHARE) * share * len(gain) + STRAY_SHARE)
 
 
-def draw_onsets(y, h, own, pair, rise, early, late, u, least, most):
+def draw_onsets(y, h, own, pair, rise, r, wild, u, least, most):
     """Onsets of a change of noise, in samples, at quantiles u (M,) of their law, and
     the log of their density over that of a uniform law from least to most.
 
-    The filter of the noise of variance early (M,) up to a sample and that of the noise
-    of variance late (M,) from there on nearly give the likelihood of every onset at
-    once. A law to draw from need not be exact: gains are kept once they have settled,
-    and what may be an outlier or follows a gap counts little. y (N,) is a record less
-    all constants, h (n,) observes the states, own (2, 10, M, n), whose noises rise (2,
-    M, 1), were it always as before, and as after.
+    The filter of the noise as it is before, up to a sample, and that of the noise as it
+    is after, from there on, nearly give the likelihood of every onset at once. A law to
+    draw from need not be exact: gains are kept once they have settled, and what may be
+    an outlier or follows a gap counts little. y (N,) is a record less all constants, h
+    (n,) observes the states, own (2, 10, M, n), whose noises rise (2, M, 1), in white
+    noise of variance r (2, M), were it always as before, and as after; squares of
+    standard scores are `wild` (2, M) at most.
     """
     onset, density = np.zeros((2, len(u)))
     # as many on any machine, since gains are kept once those of all lanes have settled;
@@ -70,12 +70,12 @@ def draw_onsets(y, h, own, pair, rise, early, late, u, least, most):
     lanes = LANES if len(y) > LONG_RECORD else min(
         MOST_LANES, LANES * groups(len(u), LANES))
     in_threads(_draw_onset_groups, groups(len(u), lanes), lanes, y, h, own, pair, rise,
-               early, late, u, least, most, onset, density)
+               r, wild, u, least, most, onset, density)
     return onset, density
 
 
 @njit(**KERNEL)
-def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, early, late, u,
+def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, r, wild, u,
                        least, most, onset, density):
     """Groups of `draw_onsets`."""
     (M, n), N = own.shape[2:], len(y)
@@ -83,18 +83,12 @@ def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, early, late, u
         start, number = group * lanes, min(lanes, M - group * lanes)
         node = np.minimum(start + np.arange(lanes), M - 1)
         parts, P = np.empty((6, n, lanes)), np.empty((n, n, lanes))
-        odds, wild = np.zeros((N, lanes)), np.empty(lanes)
+        odds = np.zeros((N, lanes))
         for changed in range(2):
             load(own[changed], pair, node, parts, P)
             drive(own[changed], node, rise[changed], 0, True, parts)
-            r, other = (late, early) if changed else (early, late)
-            for g in range(lanes):
-                at = node[g]
-                louder = (1.0 + rise[1 - changed, at, 0]) / (1.0 + rise[changed, at, 0])
-                if other[at] > r[at]:
-                    louder = max(louder, other[at] / r[at])
-                wild[g] = WILD_SQUARE * max(louder, 1.0)
-            _add_scores(y, h, pair, parts, P, r[node], wild, changed - 0.5, odds)
+            _add_scores(y, h, pair, parts, P, r[changed][node], wild[changed][node],
+                        changed - 0.5, odds)
         peak = np.full(((most - least - 1) // ONSET_BIN + 1, lanes), -np.inf)
         for i in range(1, most):
             for g in range(lanes):
@@ -147,6 +141,15 @@ def _add_scores(y, h, pair, parts, P, r, wild, factor, odds):
             update_state(x, Ph, gain)
 
 
+def wild_squares(r, rise):
+    """Squares of standard scores (2, M) from which a sample may be an outlier, or else
+    of the louder of two noises, of which r and rise (2, M) are as for `draw_onsets`.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        louder = np.fmax(r[::-1] / r, (1.0 + rise[::-1]) / (1.0 + rise))
+    return WILD_SQUARE * np.maximum(louder, 1.0)
+
+
 class OnsetLaw(NamedTuple):
     """How `integrate` draws the onset of a change of noise."""
 
@@ -180,13 +183,14 @@ def onset_law(h, scene, signatures):
     rest = scene.y - explained(h, scene, signatures, at_onset(mean, scene.duration))
 
     def part_moved(theta):
-        early, late = (parts_at(h, scene, at_onset(theta, when))
-                       for when in (scene.duration, 0.0))
+        one, other = both = [parts_at(h, scene, at_onset(theta, when))
+                             for when in (scene.duration, 0.0)]
         rise = np.array([part.rise[:, :1] if len(part.rise) else np.zeros(
-            (len(theta), 1)) for part in (early, late)])
+            (len(theta), 1)) for part in both])
+        r = np.array([one.r[:, 0], other.r[:, -1]])
         onset, density = draw_onsets(
-            rest, early.h, np.array([early.own, late.own]), early.pair, rise,
-            early.r[:, 0].copy(), late.r[:, -1].copy(),
-            (theta[:, at] - low) / (high - low), least, most)
+            rest, one.h, np.array([part.own for part in both]), one.pair, rise, r,
+            wild_squares(r, rise[..., 0]), (theta[:, at] - low) / (high - low), least,
+            most)
         return at_onset(theta, onset * scene.dt), -density
     return OnsetLaw(moved, (at,))

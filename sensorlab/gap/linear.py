@@ -15,7 +15,7 @@ from sensorlab.gap.kernels.adjoint import adjoint
 from sensorlab.gap.kernels.arithmetic import dot, row_products
 from sensorlab.gap.kernels.lanes import in_rows
 from sensorlab.gap.kernels.whitening import plain_gains, whiten, whiten_back
-from sensorlab.gap.parts import Parts, even_bank, parts_at
+from sensorlab.gap.parts import Parts, bank_at, parts_at, parts_of
 
 
 class Signature(NamedTuple):
@@ -182,8 +182,8 @@ def products(h, scene, y, columns, theta):
     R, c = len(y), len(columns)
     pairs = [(i, j) for i in range(R, R + c) for j in range(i)]
     rows[:, gap] = np.nan
-    b = even_bank(h, scene, theta)
-    sums = summed(b, parts_at(h, scene, theta, b), rows, pairs or None)
+    b, change = bank_at(h, scene, theta)
+    sums = summed(b, parts_of(h, b, change), rows, pairs or None)
     result = np.empty((R, len(theta), c + 2, c + 2))
     result[..., -1, -1] = sums.information
     # a record is in the first place of its own products, a column in those of all
@@ -234,8 +234,8 @@ def shared(h, scene, signatures, theta, gap):
     driven evenly.
     """
     columns = np.vstack([s.columns.T for s in signatures])
-    b, variance = even_bank(h, scene, theta), constants(h, signatures)
-    one = parts_at(h, scene, theta, b)
+    b, change = bank_at(h, scene, theta)
+    one, variance = parts_of(h, b, change), constants(h, signatures)
     w, *_ = adjoint(np.where(gap, 0.0, columns).copy(), 1.0 - gap, one.h, one.own,
                     one.pair, one.rise, one.r)
     # the first column stands for a record

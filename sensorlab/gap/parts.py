@@ -17,7 +17,7 @@ def in_parts(h, scene, theta):
     """Theta (M, p) as parts of which what changes of the noise is not too long."""
     most = max(NOISES // len(scene.y), LANES)
     if len(theta) <= most or (
-            not h.driven and even_bank(h, scene, theta[:1]).r.size == 1):
+            not h.driven and bank_at(h, scene, theta[:1])[0].r.size == 1):
         return [theta]
     return [theta[k:k + most] for k in range(0, len(theta), most)]
 
@@ -34,27 +34,25 @@ def processes(h, scene, theta):
 
 def _on_average(h, scene, theta):
     """`processes` of few nodes."""
-    b, change = even_bank(h, scene, theta), change_at(h, scene, theta)
+    b, change = bank_at(h, scene, theta)
     if change:
         b = driven_bank(b, change, change.times.mean(1))
     own = modes_of(h, b)
     return own._replace(r=own.r.mean(1, keepdims=True))
 
 
-def even_bank(h, scene, theta):
-    """`Bank` of a hypothesis at theta (M, p), its states driven evenly."""
-    b, momentary = _with_momentary(h, scene, theta)
-    return _apart(_without_states(b, momentary), h.own_states)
-
-
-def _with_momentary(h, scene, theta):
-    """The same with states that have no memory, and which these are."""
-    even, theta = h.evenly_driven(theta)
-    b = bank(even, scene.dt, theta)
+def bank_at(h, scene, theta):
+    """`Bank` of a hypothesis at theta (M, p), its states driven evenly, and the
+    `Change` of those that are not, or None.
+    """
+    even, evenly = h.evenly_driven(theta)
+    b = bank(even, scene.dt, evenly)
     momentary = _momentary(b)
     if momentary.any():
         momentary[:h.own_states] = False    # those of effects alone
-    return b, momentary
+    lean = _without_states(b, momentary)
+    return _apart(lean, h.own_states), h.driven and _change(
+        h, scene, theta, b, momentary, lean)
 
 
 def _momentary(b):
@@ -163,17 +161,15 @@ class Change(NamedTuple):
                           # Phi S Phi', what is left of it a sample later
 
 
-def change_at(h, scene, theta):
-    """`Change` of a hypothesis at theta (M, p), or None."""
-    one = h.driven
-    if not one:
-        return None
-    b, momentary = _with_momentary(h, scene, theta)
-    keep, states = ~momentary, h.states_driven(one.effect)
-    lean, with_white = _without_states(b, momentary), momentary[states].any()
+def _change(h, scene, theta, b, momentary, lean):
+    """`Change` of a hypothesis at theta (M, p), of its bank with all states, of those
+    that are momentary, and of the lean bank without these.
+    """
+    keep, states = ~momentary, h.states_driven(h.driven.effect)
+    with_white = momentary[states].any()
     kept, Phi = np.ix_(range(len(b.P0)), keep, keep), lean.Phi[:, 0]
     return Change((np.cumsum(keep) - 1)[states[keep[states]]],
-                  h.strength(one, theta)[:, :len(scene.y)]**2,
+                  h.strength(h.driven, theta)[:, :len(scene.y)]**2,
                   with_white * (lean.r - b.r), with_white * (
                       Phi @ (lean.P0 - b.P0[kept]) @ Phi.swapaxes(1, 2)))
 
@@ -270,8 +266,15 @@ class Parts(NamedTuple):
     __repr__ = brief
 
 
-def parts_of(h, b):
-    """`Parts` of a hypothesis with this bank."""
+def parts_at(h, scene, theta):
+    """`Parts` of a hypothesis at theta (M, p)."""
+    return parts_of(h, *bank_at(h, scene, theta))
+
+
+def parts_of(h, b, change=None):
+    """`Parts` of a hypothesis with this bank, and with a `Change` of the noise of its
+    states.
+    """
     n = b.Phi.shape[2]
     timeless = b.Phi.shape[1] == b.Q.shape[1] == b.H.shape[1] == 1
     joined = sum(np.abs(m).sum(0) for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)) > 0.0
@@ -282,17 +285,12 @@ def parts_of(h, b):
     beside = (pair != np.arange(n)) * 1.0
     own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
            for part in (m[:, range(n), range(n)], m[:, range(n), pair] * beside)]
-    return Parts(np.array([*own, *np.zeros((4, *own[0].shape))]), pair, b.H[0, 0], b.r)
+    one = Parts(np.array([*own, *np.zeros((4, *own[0].shape))]), pair, b.H[0, 0], b.r)
+    return _changing(one, h, change) if change else one
 
 
-def parts_at(h, scene, theta, b=None):
-    """`Parts` of a hypothesis at theta (M, p), with a change of the noise of its
-    states; b is its bank, if it is known.
-    """
-    one = parts_of(h, even_bank(h, scene, theta) if b is None else b)
-    change = change_at(h, scene, theta)
-    if not change:
-        return one
+def _changing(one, h, change):
+    """`Parts` of states driven evenly with a `Change` of their noise."""
     one.own[6:8, :, change.states] = one.own[2:4, :, change.states]
     states = np.arange(len(one.pair))
     one.own[8], one.own[9] = change.told[:, states, states], change.told[

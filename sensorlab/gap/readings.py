@@ -12,7 +12,7 @@ from sensorlab.gap.codes import odds_to_even, uneven_codes
 from sensorlab.gap.dropouts import dropouts
 from sensorlab.gap.effects import Found, Scene
 from sensorlab.gap.interpolated import interpolated, on_samples
-from sensorlab.gap.repeats import Repeats, repeated, stuck_spans
+from sensorlab.gap.repeats import repeated, stuck_spans
 from sensorlab.gap.resampled import less_resampling
 from sensorlab.gap.steep import (
     FEWEST_SAMPLES, HIGHEST, Steep, filled, log_odds_of_another, steep_low_pass)
@@ -121,7 +121,7 @@ def readings(scene):
         y = np.where(lost.own, np.nan, y)
     between = interpolated(y)
     average = averaged_over(y) if not between.every else Average()
-    repeats = _not_between(repeated(y), between) if not average.taps else None
+    repeats = repeated(y, between.own) if not average.taps else None
     slower = between.rate < NEARLY_ALL or repeats and repeats.polled
     steep = Steep() if slower else steep_low_pass(
         np.where(between.own, np.nan, y),
@@ -155,15 +155,6 @@ def readings(scene):
             seen.append(Reading(_found("differential_nonlinearity", codes=codes),
                                 log_bayes, np.zeros(N, bool), False))
     return tuple(seen)
-
-
-def _not_between(repeats, between):
-    """What repeats, none if it does so at random, mostly between others: on a line from
-    one value to the same.
-    """
-    own = repeats.own
-    theirs = repeats.phase is None and own.any() and between.own[own].mean() > 0.5
-    return Repeats(np.zeros_like(own), 1.0, None) if theirs else repeats
 
 
 def _averaged(scene, y, average):

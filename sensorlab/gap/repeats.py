@@ -28,12 +28,15 @@ class Repeats(NamedTuple):
         return self.phase is not None and bool(self.own.any())
 
 
-def repeated(y):
-    """`Repeats` of a record (N,): at a rate of its own, else at random, if any."""
+def repeated(y, between):
+    """`Repeats` of a record (N,): at a rate of its own, else at random, if any, unless
+    most of them lie `between` (N,) others, on a line from one value to the same.
+    """
     polled = _polled(y)
     if polled:
         return polled
     own = repeated_at_random(y)
+    own = own & (own.sum() > 2 * np.sum(own & between))
     return Repeats(own, 1.0 - float(own.mean()), None)
 
 
@@ -157,16 +160,18 @@ def _repeated_in(y):
     lsb = lattice(fresh)
     chance = _equal_on_lattice(y, fresh, lsb) if lsb else _equal_by_chance(fresh)
     share = count / len(y)
-    spans = np.sum(same[1:] & ~same[:-1])
+    start, length = runs(same)
     known = noise_where_calm(fresh) >= SMOOTH_OVER * lsb
-    found = np.bincount(np.minimum(runs(same)[1], LONGEST + 1), minlength=LONGEST + 2)
+    found = np.bincount(length[length <= LONGEST], minlength=LONGEST + 1)[1:]
     alike = len(y) * share**np.arange(1, LONGEST + 1) * (1.0 - share)**2
-    if lsb and not (known and _gain(found[1:-1], alike).sum() < CERTAIN):
-        in_a_row = _repeated_in_a_row(y, same, lsb, chance, known)
-        if in_a_row.any():
-            return in_a_row
+    if lsb and not (known and _gain(found, alike).sum() < CERTAIN):
+        by_chance = _chains_by_chance(y, chance, lsb)
+        by_chance[0] = by_chance[0] if known else np.inf
+        own = _repeated_in_a_row(y, start, length, found, by_chance, lsb)
+        if own.any():
+            return own
     if (count < MOSTLY_NEW * chance or _gain(count, chance) < CERTAIN or not known
-            or spans < 0.5 * count * (1.0 - share) or not _is_everywhere(same)
+            or len(start) < 0.5 * count * (1.0 - share) or not _is_everywhere(same)
             or not lsb and (lattice(y[same]) or lattice_between(fresh)
                             or len(np.unique(y[same])) < FEWEST)):    # a dead zone
         return none
@@ -184,19 +189,15 @@ def _is_everywhere(own):
     return min(part.sum() for part in np.array_split(own, 4)) >= own.sum() / 16
 
 
-def _repeated_in_a_row(y, same, lsb, chance, known):
-    """`repeated_at_random` of a record whose values lie on a lattice, of ties (N,), of
-    which so many are by chance, where they are not alone or in a row as if each came by
-    itself: what there is more of than by chance of runs of every length, but of single
-    ones only if their number is `known`.
+def _repeated_in_a_row(y, start, length, found, by_chance, lsb):
+    """`repeated_at_random` of a record whose values lie on a lattice, of ties in runs
+    of that first sample and length, where they are not alone or in a row as if each
+    came by itself: what there is more of than by chance of runs of every length, of
+    which so many are `found`, and `by_chance` (LONGEST,).
     """
-    none, several = np.zeros(len(y), bool), np.arange(1, LONGEST + 1)
+    none = np.zeros(len(y), bool)
     if noise_where_calm(y[~np.isnan(y)]) < lsb:    # what stayed once stays longer
         return none
-    start, length = runs(same)
-    found = np.bincount(length[length <= LONGEST], minlength=LONGEST + 1)[1:]
-    by_chance = _chains_by_chance(y, chance, lsb, several)
-    by_chance[0] = by_chance[0] if known else np.inf
     more = found > MOSTLY_NEW * by_chance
     if found[more].sum() < FEWEST or _gain(found[more], by_chance[more]
                                            ).sum() < CERTAIN:
@@ -211,12 +212,12 @@ def _repeated_in_a_row(y, same, lsb, chance, known):
         np.std(left) > lsb) else none
 
 
-def _chains_by_chance(y, ties, lsb, several):
-    """How many runs of so many ties (m,) there are by chance, if it makes so many ties:
-    as often as one value after another equals that some samples before, if each does so
-    as often as neighbours do.
+def _chains_by_chance(y, ties, lsb):
+    """How many runs of every length (LONGEST,) there are by chance, if it makes so many
+    ties: as often as one value after another equals that some samples before, if each
+    does so as often as neighbours do.
     """
-    N = len(y)
+    N, several = len(y), np.arange(1, LONGEST + 1)
     result = N * (ties / N)**several
     for lag in EARLIER:
         equal = np.abs(y[lag:] - y[:-lag]) < 0.5 * lsb

@@ -77,11 +77,10 @@ def sought(scene, acc, effects, processes=True, known=NO_OTHER):
     # not be known well
     least = least_told(max([0.0 if name else best, *filter(
         np.isfinite, told.values())]))
-    every = []
+    plain, every = [even], []
     for pair in for_signatures:
-        own = _without_jumps(scene, acc, pair, [
-            even, *((one.scene, one.account) for one in every)])
-        every.append(_with_signatures(acc, *own, effects, least))
+        plain.append(_without_jumps(scene, acc, pair, plain))
+        every.append(_with_signatures(acc, *plain[-1], effects, least))
     rivals, *others = (one.rivals for one in every)
     rivals += with_filters(inside, told, max(
         [best, *(one.log_bayes for one in rivals)]), name)
