@@ -18,9 +18,9 @@ EFFECTS = (
     "random_walk", "correlated_noise", "bias_instability", "narrow_band_noise",
     "bandwidth", "blue_noise", "noise_step", "noise_ramp", "noise_sensitivity",
     "walk_step", "outliers", "noise_bursts", "random_telegraph", "random_steps",
-    "quantization", "differential_nonlinearity", "saturation", "stuck", "dropouts",
-    "repeated_samples", "interpolated_samples", "moving_average", "steep_low_pass",
-    "wrong_parameter")
+    "quantization", "integral_quantization", "differential_nonlinearity", "saturation",
+    "stuck", "dropouts", "repeated_samples", "interpolated_samples", "moving_average",
+    "steep_low_pass", "wrong_parameter")
 
 RECORD = ("text with a header, .npz, .npy, .mat, .parquet, a ROS bag, .mcap, .ulg of "
           "PX4 or .bin of ArduPilot")

@@ -152,5 +152,6 @@ def _strange(effects):
             yield f"{one.name}: where it is loudest counts for the whole"
         elif one.name in ("stuck", "dropouts", "repeated_samples",
                           "interpolated_samples", "differential_nonlinearity",
+                          "integral_quantization",
                           "moving_average", "steep_low_pass"):
             yield f"{one.name} is left out"

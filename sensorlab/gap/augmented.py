@@ -41,8 +41,7 @@ def _before_rounding(d, h):
     """A hypothesis, its noises by one factor as strong together as what was rounded to
     counts so coarse that rounding adds no white noise, if nothing else was found.
     """
-    lsb = max((r.found.values.get("lsb", 0.0) for r in d.final.readings
-               if r.coarse or r.opaque), default=0.0)
+    lsb = max((r.cell for r in d.final.readings if r.coarse or r.opaque), default=0.0)
     if not lsb or any(not one.effect.reading for one in d.found):
         return h
     _, sigma = latent_law(d.scene.y + d.scene.known, (-np.inf, np.inf), lsb)

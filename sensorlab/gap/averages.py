@@ -77,10 +77,26 @@ def _shown(y, power, lsb, times):
     told = [m for m, gain in gains.items()
             if gain > least or not m % n and gain > 0.0]
     n = _whole(power, N, told, times, floors)
-    counts = float(lsb / _noise_of(y, lsb, times * n)) if lsb else 0.0
+    counts = _counts_of(y, lsb, times * n)
     raw = undone(y, n, times, counts)[times * n:]
     fits = _rises(n, times, counts) and _is_even(raw, n) and _is_noise(raw, n)
     return Average(n, times, float(gains[n]), counts) if fits else Average()
+
+
+def as_averaged(y, taps, times, rounded):
+    """The `Average` of a record (N,) that is one of so many samples, so many times,
+    even if it does not show it; it is `rounded` since, or as little as was printed.
+    """
+    first, N = longest(~np.isnan(y))
+    y = y[first:][:N]
+    rounded = rounded or not _is_even(undone(y, taps, times)[times * taps:], taps)
+    return Average(taps, times, 0.0, _counts_of(
+        y, lattice(y) if rounded else 0.0, times * taps))
+
+
+def _counts_of(y, lsb, n):
+    """`Average.counts` of a record without a gap."""
+    return float(lsb / _noise_of(y, lsb, n)) if lsb else 0.0
 
 
 def _rises(n, times, counts):

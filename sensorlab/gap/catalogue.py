@@ -26,11 +26,24 @@ def quantize(scene, y, lsb):
     """Round to multiples of lsb, on the lattice of the scene's record if it has one; 0
     is not rounded.
     """
+    if lsb:
+        origin = _origin(scene)
+        y[:] = origin + lsb * np.round((y - origin) / lsb)
+
+
+def _origin(scene):
+    """A value on the lattice of a scene's record, 0 if it is on none."""
     raw = scene.y + scene.known
     seen = raw[~np.isnan(raw)]
-    origin = seen[0] if len(seen) and lattice(raw) else 0.0
+    return seen[0] if len(seen) and lattice(raw) else 0.0
+
+
+def _count(scene, y, lsb):
+    """Every sample becomes an increment of the integral, which is rounded."""
     if lsb:
-        y[:] = origin + lsb * np.round((y - origin) / lsb)
+        origin = _origin(scene)    # of any, as many counts more are in every sample
+        angle = np.cumsum((y - origin) / lsb, axis=-1)
+        y[:] = origin + lsb * np.diff(np.round(angle), axis=-1, prepend=0.0)
 
 
 def convert(scene, y, codes):
@@ -441,6 +454,15 @@ CATALOGUE = {effect.name: effect for effect in (
            equation="lsb round(y / lsb); lsb in u",
            resembles="white noise",
            experiment="widen the word length, raise the gain"),
+    Effect("integral_quantization", reading=_count,
+           model=processes.rounding_of_integral, elementwise=True,
+           equation="lsb (round(A / lsb) - round(B / lsb)), A the sum of y up to the "
+                    "sample, B that before it: pulses of an integrating sensor, "
+                    "increments of an angle or a velocity; lsb in u, that of the "
+                    "integral over the sampling interval; its Q (IEEE Std 952) is "
+                    "lsb dt / sqrt(12)",
+           resembles="blue noise, quantization",
+           experiment="add up the record: the integral is what is rounded"),
     Effect("differential_nonlinearity", reading=convert,
            equation="the value of the code of a converter within whose width y lies, "
                     "with codes of (value, width), in u; all widths are lsb without it",

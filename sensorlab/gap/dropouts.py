@@ -3,10 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import erf
+from scipy.special import erf, ndtr
 
 from sensorlab.gap.values import (
-    CERTAIN, EXACT, FEWEST, lattice, less_rounding, runs)
+    CERTAIN, EXACT, FEWEST, lattice, less_rounding, runs, unpredicted)
 
 
 class Dropouts(NamedTuple):
@@ -24,7 +24,7 @@ NEAR = 0.5         # of the white noise, to values that the sensor may as well g
 BESIDE = 0.1       # of it: as near there are others, too, or it is a dead zone
 SEVERAL = 4.0      # times as often as chance: a code of a converter may be wider
 ALMOST_NEVER = 1e-9    # is a value in double precision met again
-MEDIAN = 0.6745 * np.sqrt(2.0)    # of the differences of white noise of variance 1
+OF_SD = 0.6745     # is the median of the size of what is normal
 
 
 def dropouts(y):
@@ -65,7 +65,8 @@ def _is_alien(value, others, own):
         return False
     lsb, apart = lattice(others), np.abs(away).min()
     # that of most: other wrong words may be left
-    noise = less_rounding(np.median(np.abs(np.diff(others))) / MEDIAN, lsb)
+    noise = less_rounding(
+        np.median(np.abs(np.diff(others))) / (np.sqrt(2.0) * OF_SD), lsb)
     if lsb > noise and apart > CODES * lsb:
         return True
     if not noise > 0.0:
@@ -74,7 +75,22 @@ def _is_alien(value, others, own):
         of_one = erf(lsb / (2.0 * np.sqrt(2.0) * noise))
         return bool(count * np.log(of_one + ALMOST_NEVER) < -CERTAIN and (
             count >= FEWEST or apart > np.ptp(others)))
-    return _is_met_too_often(value, others, lsb, noise, count)
+    return _is_met_too_often(value, others, lsb, noise, count) or (
+        value == 0.0 and _is_out_of_reach(others, lsb, count))
+
+
+def _is_out_of_reach(others, lsb, count):
+    """Is 0 met so many times beyond one end of all others, though next to none of these
+    was to be foretold as low? No sensor has a limit there.
+    """
+    left = unpredicted(others)
+    if left is None or np.min(others) < 0.0 < np.max(others):
+        return False
+    sd = np.median(np.abs(left)) / OF_SD
+    above = np.abs(others[-len(left):] - left) - 0.5 * lsb
+    foretold = max(ndtr(-above / sd).sum(), ALMOST_NEVER) if sd > 0.0 else np.inf
+    return bool(count > foretold and count * np.log(count / foretold) > (
+        count - foretold + CERTAIN))
 
 
 def _is_met_too_often(value, others, lsb, noise, count):

@@ -402,6 +402,13 @@ def rounding(scene, filt, lsb):
     return filt._replace(Psi=np.sqrt(filt.Psi**2 + lsb**2 / 12.0))
 
 
+def rounding_of_integral(scene, filt, lsb):
+    """What rounding the integral adds: the difference of one white noise, of a twelfth
+    of a squared count, and the one before.
+    """
+    return blue_noise(scene, filt, scene.dt / NO_MEMORY, lsb / np.sqrt(6.0))
+
+
 # ---- jumps: (dt, **parameters) gives `Jumps`
 
 def outliers(dt, rate, sigma):

@@ -5,12 +5,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import brief
-from sensorlab.gap.averages import FEWEST_TAPS, FEWEST_TURNS, Average, averaged_over
+from sensorlab.gap.averages import (
+    FEWEST_TAPS, FEWEST_TURNS, Average, as_averaged, averaged_over)
 from sensorlab.gap.catalogue import CATALOGUE, ROUNDED, taps_and_times
 from sensorlab.gap.clipping import latent_law, limits_of, unclipped
 from sensorlab.gap.codes import odds_to_even, uneven_codes
 from sensorlab.gap.dropouts import dropouts
 from sensorlab.gap.effects import Found, Scene
+from sensorlab.gap.integrated import counts_of_integral, is_no_integral
 from sensorlab.gap.interpolated import interpolated, on_samples
 from sensorlab.gap.repeats import repeated, stuck_spans
 from sensorlab.gap.resampled import less_resampling
@@ -42,6 +44,14 @@ class Reading(NamedTuple):
     def placed(self):
         """Does what it does hang on where the record lies?"""
         return self.coarse or not {"limits", "codes"}.isdisjoint(self.found.values)
+
+    @property
+    def cell(self):
+        """Spacing of cells, in one of which every value lay before it was rounded to
+        it; 0 if it is none of these.
+        """
+        values = self.found.values
+        return values.get("lsb", 0.0) if self.found.name != INTEGRAL else 0.0
 
     def smoothing(self, scene):
         """Its `Smoothing` of records like that of a scene; None if it is none."""
@@ -108,10 +118,11 @@ NEARLY_ALL = 0.9      # of the samples: if fewer were given, lines between them 
 ROUNDING = 1e-9       # of the white noise: equal but for rounding
 
 
-def readings(scene):
+def readings(scene, average=None):
     """Quantization, uneven codes, saturation, dropouts, repeated and stuck samples of a
     record from which nothing was taken away, or a moving average, or a steep low-pass
-    and what is stuck behind it, as a tuple of Reading.
+    and what is stuck behind it, as a tuple of Reading. The `average` of its simulator,
+    `Found`, is there, too, if it is so short that no record shows it.
     """
     y, N, seen = scene.y, len(scene.y), []
     lost = dropouts(y)
@@ -119,8 +130,12 @@ def readings(scene):
         spans = [[float(begin * scene.dt), int(n)] for begin, n in zip(*runs(lost.own))]
         seen.append(_shown_by(lost.own, "dropouts", value=lost.value, spans=spans))
         y = np.where(lost.own, np.nan, y)
+    pulses = counts_of_integral(y)
+    if pulses.lsb:    # others that are equal are so as there is no pulse
+        return (*seen, _counted(y, pulses))
     between = interpolated(y)
-    average = averaged_over(y) if not between.every else Average()
+    shown = averaged_over(y) if not between.every else Average()
+    average = _unless_shown(shown, scene, y, average)
     repeats = repeated(y, between.own) if not average.taps else None
     slower = between.rate < NEARLY_ALL or repeats and repeats.polled
     steep = Steep() if slower else steep_low_pass(
@@ -155,6 +170,21 @@ def readings(scene):
             seen.append(Reading(_found("differential_nonlinearity", codes=codes),
                                 log_bayes, np.zeros(N, bool), False))
     return tuple(seen)
+
+
+def _unless_shown(shown, scene, y, average):
+    """The `Average` that a record (N,) shows, or else that which its simulator has."""
+    if shown.taps or not average:
+        return shown
+    taps, times = taps_and_times(scene, **average.values)
+    return as_averaged(y, taps, times, average.variant == ROUNDED) if (
+        1 < taps < FEWEST_TAPS) else shown
+
+
+def _counted(y, pulses):
+    """The `Reading` of counts of the integral."""
+    return Reading(_found(INTEGRAL, lsb=pulses.lsb), COINCIDENCE * len(y), np.zeros(
+        len(y), bool), False, pulses.coarse)
 
 
 def _averaged(scene, y, average):
@@ -224,7 +254,8 @@ def compared(scene, own, simulated=None):
     both were rounded by the same sensor: a record that lies on no lattice was added to
     since, and counts may be too fine to show in theirs.
     """
-    seen, had = {r.found.name: r for r in readings(scene)}, {}
+    average = next((one for one in own if one.name == "moving_average"), None)
+    seen, had = {r.found.name: r for r in readings(scene, average)}, {}
     measured, rounded = simulated is not None, seen.get("quantization")
     if measured and rounded and all(one.name != "quantization" for one in own) and (
             np.isclose(lattice(np.atleast_2d(simulated)[0]),
@@ -233,12 +264,14 @@ def compared(scene, own, simulated=None):
     for one in own:
         name, shown = one.name, seen.get(one.name)
         mine = Reading(one, 0.0, np.zeros(len(scene.y), bool), False)
-        if shown and _alike(scene, one.values, shown.found.values):
+        if name == "quantization" and INTEGRAL in seen:    # which are rounded, too
+            had[name] = mine
+        elif shown and _alike(scene, one.values, shown.found.values):
             had[name] = seen[name] = shown._replace(log_bayes=0.0)
         elif not shown and measured and name == "quantization" and adds_noise(
                 scene.y, one.values["lsb"]):
             had[name] = seen[name] = mine._replace(moved=True)
-        elif name in NONE and (shown or _would_show(scene, one)):
+        elif name in NONE and (shown or _would_show(scene, one, own)):
             new = (shown or mine._replace(
                 found=one._replace(values=NONE[name](scene)),
                 log_bayes=COINCIDENCE * len(scene.y)))._replace(instead=mine)
@@ -256,13 +289,13 @@ def compared(scene, own, simulated=None):
     return tuple(had.values()), tuple(seen.values())
 
 
-CODES = "differential_nonlinearity"
+CODES, INTEGRAL = "differential_nonlinearity", "integral_quantization"
 AT_TIMES = "stuck", "dropouts"    # what the next record need not show
 ALIKE = 0.02    # relative: two counts or limits that are the same
 WRONG = dict(quantization="lsb", repeated_samples="frequency",
              interpolated_samples="frequency", saturation="limits",
              moving_average="window", differential_nonlinearity="codes",
-             steep_low_pass="cutoff")
+             steep_low_pass="cutoff", integral_quantization="lsb")
 OTHER = dict(moving_average="times", steep_low_pass="poles")
 NONE = dict(    # the values of a reading that does nothing
     quantization=lambda scene: dict(lsb=lattice(scene.y)),
@@ -270,7 +303,8 @@ NONE = dict(    # the values of a reading that does nothing
     interpolated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi,
                                             order=1),
     moving_average=lambda scene: dict(window=scene.dt, times=1),
-    steep_low_pass=lambda scene: dict(cutoff=0.5 / scene.dt, poles=1))
+    steep_low_pass=lambda scene: dict(cutoff=0.5 / scene.dt, poles=1),
+    integral_quantization=lambda scene: dict(lsb=0.0))
 
 
 def _alike(scene, own, seen):
@@ -290,10 +324,19 @@ def _alike(scene, own, seen):
                for symbol, value in own.items())
 
 
-def _would_show(scene, one):
-    """Would a record like that of a scene show a reading of a simulator?"""
+def _would_show(scene, one, own):
+    """Would a record like that of a scene show a reading of a simulator, of its own?"""
     if one.name == "quantization":
-        return one.values["lsb"] > COARSE * lattice_and_noise(scene.y)[1]
+        smooth = [other for other in own if other.name in (
+            "moving_average", "steep_low_pass") and other.variant != ROUNDED]
+        if not smooth:
+            return one.values["lsb"] > COARSE * lattice_and_noise(scene.y)[1]
+        if "window" not in smooth[0].values:    # nothing shows what was before it
+            return False
+        raw = undone(scene.y, *taps_and_times(scene, **smooth[0].values))
+        return one.values["lsb"] > COARSE * noise_of(raw, one.values["lsb"])
+    if one.name == INTEGRAL:
+        return is_no_integral(scene.y, one.values["lsb"])
     if one.name == "moving_average":
         return FEWEST_TAPS * scene.dt <= one.values["window"] <= (
             scene.duration / FEWEST_TURNS)
@@ -408,7 +451,7 @@ def latent_mean(y, seen):
     (J. Tobin, Econometrica 26, 1958).
     """
     limits = [r.found.values["limits"] for r in seen if "limits" in r.found.values]
-    coarse = [r.found.values["lsb"] for r in seen if r.coarse]
+    coarse = [r.cell for r in seen if r.coarse and r.cell]
     if not limits and not coarse:
         return None
     return latent_law(y, (limits or [(-np.inf, np.inf)])[0], (coarse or [0.0])[0])[0]

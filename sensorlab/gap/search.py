@@ -236,7 +236,7 @@ def _by_rounding(full, acc, theta):
     scene = as_read(full, acc.readings)
     simulator = in_place(as_simulated(acc, scene, theta), acc, scene)
     number = round(HELD_AGAINST * effort(full))
-    (lsb,) = (r.found.values["lsb"] for r in acc.readings if r.coarse)
+    (lsb,) = (r.cell for r in acc.readings if r.coarse)
 
     @functools.cache
     def drawn(again):
