@@ -225,3 +225,45 @@ def test_counts_before_an_average_are_told(times):
     assert not average.found.variant
     assert counts.found.values["lsb"] == pytest.approx(0.5)
     assert not counts.coarse and not counts.opaque
+
+
+def of_simulator(taps, lsb, variant):
+    return [Found(CATALOGUE["moving_average"], variant=variant,
+                  values=dict(window=taps * DT, times=1)),
+            Found(CATALOGUE["quantization"], values=dict(lsb=lsb))]
+
+
+@pytest.mark.parametrize("lsb", [0.02, 0.08, 0.3])
+@pytest.mark.parametrize("taps", [2, 3, 5])
+@pytest.mark.parametrize("variant", ["", "before the rounding"])
+def test_the_average_and_the_counts_of_a_simulator_are_no_gap(taps, lsb, variant):
+    """Also those of two samples, and counts that are too fine, which nothing shows."""
+    y = raw(4)
+    y = mean_of(lsb * np.round(y / lsb), taps) if not variant else (
+        lsb * np.round(mean_of(y, taps) / lsb))
+    scene = Scene(y[-N:], DT, {})
+    had, seen = readings.compared(scene, of_simulator(taps, lsb, variant))
+    assert not any(one.log_bayes or one.instead for one in seen)
+    assert {one.found.name for one in seen} == {one.found.name for one in had}
+    # nor does what is undone gather the rounding error
+    undone_too = readings.as_read(scene, seen).y
+    assert np.nanstd(np.diff(undone_too)) < 1.7 * np.std(np.diff(raw(4)))
+
+
+@pytest.mark.parametrize("variant", ["", "before the rounding"])
+def test_counts_that_an_average_has_not_are_wrong(variant):
+    scene = Scene(mean_of(raw(5), 4)[-N:], DT, {})
+    _, seen = readings.compared(scene, of_simulator(4, 0.5, variant))
+    (wrong,) = [one for one in seen if one.instead]
+    assert wrong.found.name == "quantization" and wrong.factor == 0.0
+
+
+@pytest.mark.large
+def test_an_average_of_two_samples_beside_its_simulator_is_none():
+    for seed, (lsb, variant) in enumerate((
+            (0.02, "before the rounding"), (0.3, "before the rounding"), (0.3, ""))):
+        y = raw(seed + 6)
+        y = mean_of(lsb * np.round(y / lsb), 2) if not variant else (
+            lsb * np.round(mean_of(y, 2) / lsb))
+        simulator = sensorlab.Simulator(SIMULATOR, [of_simulator(2, lsb, variant)])
+        assert sensorlab.diagnose(y[-N:], DT, simulator).verdict == "none", variant

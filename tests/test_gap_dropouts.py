@@ -68,6 +68,22 @@ def test_what_a_sensor_gives_is_no_dropout(y):
     assert not dropouts(y).own.any()
 
 
+@pytest.mark.parametrize("lsb", [0.0, 0.2])
+def test_zeros_that_no_noise_reaches_are_lost_and_no_limit(lsb):
+    """In a few spells, among values of which hardly any comes near."""
+    rng = np.random.default_rng(5)
+    y = 4.5 + WHITE + 0.3 * np.sin(TIME)
+    y = counts(y, lsb) if lsb else y
+    for start in rng.choice(N - 9, 12, replace=False):
+        y[start:start + rng.integers(1, 6)] = 0.0
+    assert_array_equal(dropouts(y).own, y == 0.0)
+    assert_array_equal(dropouts(-y).own, y == 0.0)
+    # a limit is met by what is foretold to be near, in however many spells
+    for clipped in (np.maximum(WHITE + 2.5, 0.0), np.maximum(
+            4.0 + 5.0 * np.sin(20.0 * TIME) + 0.3 * WHITE, 0.0)):
+        assert not dropouts(counts(clipped, lsb) if lsb else clipped).own.any()
+
+
 @pytest.mark.parametrize("value", [0.0, -9999.0])
 @pytest.mark.parametrize("missing", ["", "sinusoid"])
 def test_nothing_but_lost_samples_is_missing(value, missing):

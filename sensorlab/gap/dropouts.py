@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import erf, ndtr
 
 from sensorlab.gap.values import (
-    CERTAIN, EXACT, FEWEST, lattice, less_rounding, runs, unpredicted)
+    CERTAIN, EXACT, FEWEST, PREDICTED_BY, TELLING, lattice, less_rounding, runs)
 
 
 class Dropouts(NamedTuple):
@@ -42,7 +42,8 @@ def dropouts(y):
             tried.append(values[odd.argmax()])
         for value in tried:
             own = y == value
-            if own.mean() < MOST and _is_alien(value, y[~own & ~np.isnan(y)], own):
+            if own.mean() < MOST and (_is_alien(value, y[~own & ~np.isnan(y)], own)
+                                      or value == 0.0 and _is_out_of_reach(y, own)):
                 return Dropouts(own, float(value) + 0.0)    # not -0
     return Dropouts(np.zeros(len(y), bool))
 
@@ -75,20 +76,31 @@ def _is_alien(value, others, own):
         of_one = erf(lsb / (2.0 * np.sqrt(2.0) * noise))
         return bool(count * np.log(of_one + ALMOST_NEVER) < -CERTAIN and (
             count >= FEWEST or apart > np.ptp(others)))
-    return _is_met_too_often(value, others, lsb, noise, count) or (
-        value == 0.0 and _is_out_of_reach(others, lsb, count))
+    return _is_met_too_often(value, others, lsb, noise, count)
 
 
-def _is_out_of_reach(others, lsb, count):
-    """Is 0 met so many times beyond one end of all others, though next to none of these
-    was to be foretold as low? No sensor has a limit there.
+def _is_out_of_reach(y, own):
+    """Is 0, which samples (N,) are, beyond one end of all others, and met far more
+    often than those before foretell? What is clipped is foretold to be near.
     """
-    left = unpredicted(others)
-    if left is None or np.min(others) < 0.0 < np.max(others):
+    y, own = y[:TELLING], own[:TELLING]
+    others = y[~own & ~np.isnan(y)]
+    if len(np.unique(others)) < FEWEST or others.min() < 0.0 < others.max():
         return False
-    sd = np.median(np.abs(left)) / OF_SD
-    above = np.abs(others[-len(left):] - left) - 0.5 * lsb
-    foretold = max(ndtr(-above / sd).sum(), ALMOST_NEVER) if sd > 0.0 else np.inf
+    near = np.lib.stride_tricks.sliding_window_view(
+        np.where(own, np.nan, y), PREDICTED_BY)[:-1]
+    told = ~np.isnan(near).any(1) & ~np.isnan(y[PREDICTED_BY:])
+    near, lost = near[told], own[PREDICTED_BY:][told]
+    count, true = lost.sum(), y[PREDICTED_BY:][told]
+    if count < FEWEST_RUNS or len(lost) - count < 4 * PREDICTED_BY:
+        return False
+    near = np.column_stack([np.ones(len(near)), near])
+    mean = near @ np.linalg.lstsq(near[~lost], true[~lost])[0]
+    sd, lsb = np.median(np.abs(true - mean)[~lost]) / OF_SD, lattice(others)
+    if not sd > lsb:    # it may be one code of few
+        return False
+    above = mean * np.sign(others[0]) - 0.5 * lsb
+    foretold = ndtr(-above / sd).sum() + ALMOST_NEVER
     return bool(count > foretold and count * np.log(count / foretold) > (
         count - foretold + CERTAIN))
 

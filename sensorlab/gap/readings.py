@@ -289,6 +289,7 @@ def compared(scene, own, simulated=None):
     return tuple(had.values()), tuple(seen.values())
 
 
+SMOOTHING = "moving_average", "steep_low_pass"
 CODES, INTEGRAL = "differential_nonlinearity", "integral_quantization"
 AT_TIMES = "stuck", "dropouts"    # what the next record need not show
 ALIKE = 0.02    # relative: two counts or limits that are the same
@@ -327,14 +328,7 @@ def _alike(scene, own, seen):
 def _would_show(scene, one, own):
     """Would a record like that of a scene show a reading of a simulator, of its own?"""
     if one.name == "quantization":
-        smooth = [other for other in own if other.name in (
-            "moving_average", "steep_low_pass") and other.variant != ROUNDED]
-        if not smooth:
-            return one.values["lsb"] > COARSE * lattice_and_noise(scene.y)[1]
-        if "window" not in smooth[0].values:    # nothing shows what was before it
-            return False
-        raw = undone(scene.y, *taps_and_times(scene, **smooth[0].values))
-        return one.values["lsb"] > COARSE * noise_of(raw, one.values["lsb"])
+        return one.values["lsb"] > COARSE * _noise_where_rounded(scene, own)
     if one.name == INTEGRAL:
         return is_no_integral(scene.y, one.values["lsb"])
     if one.name == "moving_average":
@@ -344,6 +338,21 @@ def _would_show(scene, one, own):
         return one.values["cutoff"] * scene.dt < HIGHEST and (
             len(scene.y) >= FEWEST_SAMPLES)
     return len(scene.y) * (1.0 - one.values["frequency"] * scene.dt) > 2.0 * FEWEST
+
+
+def _noise_where_rounded(scene, own):
+    """Standard deviation of the white noise of the record of a scene where a simulator
+    with readings of its own rounds it: before it is smoothed, or behind that.
+    """
+    smooth = next((one for one in own if one.name in SMOOTHING), None)
+    if not smooth:
+        return lattice_and_noise(scene.y)[1]
+    if "window" not in smooth.values:
+        return noise_of(scene.y, 0.0) if smooth.variant == ROUNDED else np.inf
+    taps, times = taps_and_times(scene, **smooth.values)
+    if smooth.variant == ROUNDED:
+        return noise_of(scene.y, lattice(scene.y), taps * times)
+    return noise_of(undone(scene.y, taps, times), 0.0)
 
 
 def _even(scene, one, rounded):
