@@ -9,10 +9,12 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 import sensorid
+import sensorlab
 from sensorlab import CATALOGUE, Found, Scene, Simulator, simulate_effects
 from sensorlab.gap import backward, filters, members
 from sensorlab.gap.effects import fixed, signature_of
 from sensorlab.gap.processes import flicker_processes
+from sensorlab.gap.shapes import less_noise
 
 
 def shaped(numerator, denominator, lag):
@@ -408,3 +410,43 @@ def test_of_two_levels_a_simulator_takes_one():
     with pytest.raises(ValueError, match="takes one of them"):
         simulate_effects(Simulator(MODEL[:1], (tuple(both),)), Scene(
             np.zeros(100), DT, {}))
+
+
+def wander(n, fast=0.004):
+    rng = np.random.default_rng(3)
+    return np.cumsum(fast * rng.standard_normal(n)) + np.sin(np.arange(n) / 700.0)
+
+
+@pytest.mark.parametrize("noise, lsb", [(0.05, 0.0), (0.05, 0.06), (0.2, 0.0)])
+def test_a_thermometer_is_taken_less_its_noise(noise, lsb):
+    true = wander(4000)
+    x = true + noise * np.random.default_rng(4).standard_normal(4000)
+    x = lsb * np.round(x / lsb) if lsb else x
+    assert np.std(less_noise(x) - true) < 0.3 * np.std(x - true)
+    if noise > 0.1:    # of a part of it, more is noise: what moves is not told from it
+        assert_array_equal(less_noise(x[:800]), x[:800])
+        return
+    # the best that knows the walk and the noise, by least squares
+    n = 800
+    walk = 0.004**2 * np.minimum.outer(np.arange(n), np.arange(n)) + 1.0
+    best = walk @ np.linalg.solve(walk + np.var(x - true) * np.eye(n), x[:n])
+    assert np.std(less_noise(x[:n]) - true[:n]) < 1.25 * np.std(best - true[:n])
+
+
+@pytest.mark.parametrize("x", [
+    wander(4000), np.zeros(100), np.random.default_rng(5).standard_normal(4000),
+    np.sin(np.arange(4000.0))], ids=["walk", "nothing", "noise", "wave"])
+def test_a_column_that_shows_no_noise_beside_what_moves_is_as_it_is(x):
+    assert_array_equal(less_noise(x), x)
+
+
+@pytest.mark.large
+def test_the_noise_of_a_thermometer_makes_no_lag():
+    rng, N = np.random.default_rng(6), 4000
+    true = 3.0 * np.sin(np.arange(N) / 500.0)
+    y = rng.standard_normal(N) + 0.15 * true
+    T = true + 0.4 * rng.standard_normal(N)
+    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis(
+        "white_noise", sigma_v=(0.3, 3.0))], dict(temperature=T))
+    assert d.verdict == "temperature"
+    assert d.found[0].values["coefficient"][0] == pytest.approx(0.15, rel=0.15)

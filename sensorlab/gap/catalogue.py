@@ -253,9 +253,10 @@ CATALOGUE = {effect.name: effect for effect in (
                     "amplitude in u",
            resembles="correlated noise of long period",
            experiment="damp vibration; an alias moves with the sampling rate"),
-    Effect("temperature", columns=shapes.linear, size="coefficient",
+    Effect("temperature", columns=shapes.of_temperature, size="coefficient",
            column="temperature",
-           equation="y + coefficient (x - mean of x); in u per unit of x",
+           equation="y + coefficient (x - mean of x), x less a white noise of its own; "
+                    "in u per unit of x",
            resembles="random walk, thermal lag",
            experiment="cycle the temperature twice at different speed"),
     Effect("thermal_lag", columns=shapes.lagged_values, size="coefficient",

@@ -2,6 +2,7 @@
 (N, k), of x that was recorded beside it and of psi.
 """
 
+import functools
 import math
 
 import numpy as np
@@ -106,6 +107,44 @@ def linear(scene, x, psi):
     yield "", _centred(x)[:, None]
 
 
+def of_temperature(scene, x, psi):
+    yield "", _centred(less_noise(x))[:, None]
+
+
+NO_CHANCE = 4.0    # standard deviations, that white noise must show by
+MOSTLY = 0.9       # of the variance of a column is what moves, if it has a noise
+
+
+def less_noise(x):
+    """A column (N,) less the white noise of what recorded it, which the sensor does not
+    follow: what is left by the smoother of a random walk in white noise (J. F. Muth, J.
+    Am. Stat. Assoc. 55, 1960). As it is, if none shows, or it may be no walk.
+
+    Neighbouring differences of such a record have the covariance -r; values so far
+    apart that they differ by 4 r, in the mean square, are 2 r / q samples apart.
+    """
+    return _less_noise(np.asarray(x, float).tobytes())
+
+
+@functools.lru_cache(maxsize=4)    # of every time constant
+def _less_noise(x):
+    x = np.frombuffer(x)
+    step = np.diff(x)
+    step = step - step.mean()
+    r, variance = -np.mean(step[1:] * step[:-1]), np.mean(step**2)
+    if not r > NO_CHANCE * variance / np.sqrt(len(x)):
+        return x
+    r, apart = min(r, 0.5 * variance), 1
+    while 2 * apart < len(x) and np.mean((x[apart:] - x[:-apart])**2) < 4.0 * r:
+        apart *= 2
+    ratio = 2.0 / apart    # q / r
+    a = 1.0 + 0.5 * ratio - np.sqrt(ratio + 0.25 * ratio**2)
+    result = x
+    for _ in range(2):    # forwards and backwards
+        result = lfilter([1.0 - a], [1.0, -a], result, zi=[a * result[0]])[0][::-1]
+    return result if np.var(result) > MOSTLY * np.var(x) else x
+
+
 def while_warm(scene, x, psi):
     if "temperature" in scene.columns:
         yield "", (_centred(scene.columns["temperature"]) * _centred(x))[:, None]
@@ -143,9 +182,9 @@ def lagged(x, dt, tau):
 
 
 def lagged_values(scene, x, psi):
-    late = lagged(x, scene.dt, psi)
-    yield "lagged value", _centred(late)[:, None]
-    yield "lag", _centred(late - x)[:, None]
+    yield "lagged value", _centred(lagged(less_noise(x), scene.dt, psi))[:, None]
+    # what compensates has the noise of the column, too
+    yield "lag", _centred(lagged(x, scene.dt, psi) - x)[:, None]
 
 
 def lagging(scene, x, psi):
