@@ -118,6 +118,7 @@ def axis(model, unit=None, duration=3600.0):
     theta = np.array([p.mean for p in member.parameters])
     jumps = Jumps(*(float(part[0]) for part in member.jumps(theta[None])))
     readings = {symbol: value for one in effects if one.effect.reading
+                and one.name != "integral_quantization"    # no noise of a sample
                 for symbol, value in one.values.items()}
     return Axis(
         kind, "+".join([h.model.__name__, *(one.name for one in effects)]), model.dt,
@@ -151,7 +152,7 @@ def _strange(effects):
         elif one.effect.drive:
             yield f"{one.name}: where it is loudest counts for the whole"
         elif one.name in ("stuck", "dropouts", "repeated_samples",
-                          "interpolated_samples", "differential_nonlinearity",
-                          "integral_quantization",
-                          "moving_average", "steep_low_pass"):
+                          "interpolated_samples", "integral_quantization",
+                          "differential_nonlinearity", "moving_average",
+                          "steep_low_pass"):
             yield f"{one.name} is left out"

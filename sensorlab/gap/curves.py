@@ -123,7 +123,11 @@ def _slow_processes(d):
     h = hypotheses[d.final.best]
     theta = d.final.member.matching(h, d.after.theta)[None]
     w = solve(h, masked, d.final.signatures, theta).residual[0]
-    first = sum(not one.effect.jumps for one in d.base.member.effects)
+    # what a reading adds is not slow, and last
+    slow = h._replace(effects=tuple(one for one in h.effects if not one.effect.reading))
+    h, theta = slow, h.matching(slow, theta[0])[None]
+    first = sum(not (one.effect.jumps or one.effect.reading)
+                for one in d.base.member.effects)
     a, q, p0 = (part[0] for part in processes(h, masked, theta)[:3])
     ends, in_turn = [], h.in_turn    # numbers of the processes with ever more effects
     for count in range(len(in_turn) + 1):
