@@ -299,6 +299,15 @@ def test_every_file_says_its_convention_and_what_is_lost(sensor):
         assert text.count("Lost: ") == len(lost), name
 
 
+def test_counts_of_the_integral_are_no_noise_of_a_sample(sensor):
+    counts = [dict(name="integral_quantization", parameters=dict(lsb=50.0))]
+    a, plain = sensor(WALK | dict(effects=counts)), sensor(WALK)
+    assert a.lsb == 0.0
+    np.testing.assert_array_equal(a.second_order.Psi, plain.second_order.Psi)
+    for name, target in TARGETS.items():
+        assert "integral_quantization is left out" in " ".join(target([a])[1]), name
+
+
 def test_simulators_of_one_process_get_the_bound_for_several(sensor):
     a = sensor(TWO)
     bound = pairs(a, 60.0)["bound"]

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 import sensorid
 import sensorlab
 from sensorlab import CATALOGUE, Found, Scene
-from sensorlab.gap import filters
+from sensorlab.gap import curves, filters
 from sensorlab.gap.integrated import (
     DITHER, Pulses, counts_of_integral, is_no_integral)
 from sensorlab.gap.readings import recorded
@@ -115,6 +115,8 @@ def test_counts_of_the_integral_are_named_and_noise_beside_them_is_known(noise, 
     sigma, sd = d.final.sample.mean[at], d.final.sample.sd()[at]
     assert abs(sigma - noise * LSB) < 4.0 * sd + 0.02 * noise * LSB or noise < DITHER
     assert d.after.p_value > 0.01 and d.closure.closed > 0.9
+    through = curves.view(d).through    # of what is slow: not of the rounding
+    assert through is None if effect == "none" else len(through.names) == 1
 
 
 @pytest.mark.large
