@@ -256,6 +256,11 @@ def test_counts_that_an_average_has_not_are_wrong(variant):
     _, seen = readings.compared(scene, of_simulator(4, 0.5, variant))
     (wrong,) = [one for one in seen if one.instead]
     assert wrong.found.name == "quantization" and wrong.factor == 0.0
+    fine = 0.02 * np.round(raw(5) / 0.02)
+    fine = mean_of(fine, 4) if not variant else 0.02 * np.round(mean_of(fine, 4) / 0.02)
+    _, seen = readings.compared(Scene(fine[-N:], DT, {}), of_simulator(4, 0.5, variant))
+    (wrong,) = [one for one in seen if one.instead]
+    assert wrong.factor == pytest.approx(0.04)
 
 
 @pytest.mark.large

@@ -273,7 +273,7 @@ def compared(scene, own, simulated=None):
             had[name] = seen[name] = mine._replace(moved=True)
         elif name in NONE and (shown or _would_show(scene, one, own)):
             new = (shown or mine._replace(
-                found=one._replace(values=NONE[name](scene)),
+                found=one._replace(values=NONE[name](scene, own)),
                 log_bayes=COINCIDENCE * len(scene.y)))._replace(instead=mine)
             had[name], seen[name] = mine, new._replace(
                 factor=new.found.values[new.wrong] / one.values[new.wrong])
@@ -299,13 +299,13 @@ WRONG = dict(quantization="lsb", repeated_samples="frequency",
              steep_low_pass="cutoff", integral_quantization="lsb")
 OTHER = dict(moving_average="times", steep_low_pass="poles")
 NONE = dict(    # the values of a reading that does nothing
-    quantization=lambda scene: dict(lsb=lattice(scene.y)),
-    repeated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi),
-    interpolated_samples=lambda scene: dict(frequency=1.0 / scene.dt, phase=np.pi,
-                                            order=1),
-    moving_average=lambda scene: dict(window=scene.dt, times=1),
-    steep_low_pass=lambda scene: dict(cutoff=0.5 / scene.dt, poles=1),
-    integral_quantization=lambda scene: dict(lsb=0.0))
+    quantization=lambda scene, own: dict(lsb=_spacing_where_rounded(scene, own)),
+    repeated_samples=lambda scene, own: dict(frequency=1.0 / scene.dt, phase=np.pi),
+    interpolated_samples=lambda scene, own: dict(
+        frequency=1.0 / scene.dt, phase=np.pi, order=1),
+    moving_average=lambda scene, own: dict(window=scene.dt, times=1),
+    steep_low_pass=lambda scene, own: dict(cutoff=0.5 / scene.dt, poles=1),
+    integral_quantization=lambda scene, own: dict(lsb=0.0))
 
 
 def _alike(scene, own, seen):
@@ -340,11 +340,27 @@ def _would_show(scene, one, own):
     return len(scene.y) * (1.0 - one.values["frequency"] * scene.dt) > 2.0 * FEWEST
 
 
+def _spacing_where_rounded(scene, own):
+    """Spacing of the lattice that the record of a scene was on where a simulator with
+    readings of its own rounds it.
+    """
+    lsb, smooth = lattice(scene.y), _smoothing(own)
+    if not smooth or smooth.variant == ROUNDED or "window" not in smooth.values:
+        return lsb
+    taps, times = taps_and_times(scene, **smooth.values)
+    return taps**times * lsb
+
+
+def _smoothing(own):
+    """What smooths of readings of a simulator, or None."""
+    return next((one for one in own if one.name in SMOOTHING), None)
+
+
 def _noise_where_rounded(scene, own):
     """Standard deviation of the white noise of the record of a scene where a simulator
     with readings of its own rounds it: before it is smoothed, or behind that.
     """
-    smooth = next((one for one in own if one.name in SMOOTHING), None)
+    smooth = _smoothing(own)
     if not smooth:
         return lattice_and_noise(scene.y)[1]
     if "window" not in smooth.values:
