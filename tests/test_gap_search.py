@@ -163,8 +163,7 @@ def test_a_search_beside_few_steps_may_go_on_from_these():
 
 def test_what_chance_makes_of_coarse_counts_takes_more_than_few_records(monkeypatch):
     """Its ln B, of this record and of others, is 13 Exp(1), or 0 as often."""
-    counts = types.SimpleNamespace(coarse=True, found=Found(
-        EFFECTS["bias_step"], values=dict(lsb=1.0)))
+    counts = types.SimpleNamespace(coarse=True, cell=1.0)
     acc = types.SimpleNamespace(readings=(counts,), bases=(), hypotheses=(),
                                 signatures=())
     told = []

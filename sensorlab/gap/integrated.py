@@ -66,8 +66,8 @@ def counts_of_integral(y):
 
 
 def is_no_integral(y, lsb):
-    """Does a record (N,) speak against counts of the integral, as do none of its sums
-    for them?
+    """Does a record (N,) speak against counts of the integral, and none of its sums for
+    them?
     """
     gains = [_fitted(seen)[1] for several in SUMS
              if (seen := _spectrum(y, lsb, several))]
