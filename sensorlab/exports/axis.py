@@ -117,8 +117,7 @@ def axis(model, unit=None, duration=3600.0):
         one for one in effects if not one.column),)), scene)
     theta = np.array([p.mean for p in member.parameters])
     jumps = Jumps(*(float(part[0]) for part in member.jumps(theta[None])))
-    readings = {symbol: value for one in effects if one.effect.reading
-                and one.name != "integral_quantization"    # no noise of a sample
+    readings = {symbol: value for one in effects if one.name in READ
                 for symbol, value in one.values.items()}
     return Axis(
         kind, "+".join([h.model.__name__, *(one.name for one in effects)]), model.dt,
@@ -128,6 +127,9 @@ def axis(model, unit=None, duration=3600.0):
         si * readings.get("lsb", 0.0),
         tuple(si * np.array(readings.get("limits", [-np.inf, np.inf]))),
         (*_strange(effects), *_ranges(member)))
+
+
+READ = "quantization", "saturation"    # of all readings, what programs know
 
 
 def _scaled(filt, si):
@@ -151,8 +153,5 @@ def _strange(effects):
             yield f"{one.name} is left out: {one.effect.equation}"
         elif one.effect.drive:
             yield f"{one.name}: where it is loudest counts for the whole"
-        elif one.name in ("stuck", "dropouts", "repeated_samples",
-                          "interpolated_samples", "integral_quantization",
-                          "differential_nonlinearity", "moving_average",
-                          "steep_low_pass"):
+        elif one.effect.reading and one.name not in READ:
             yield f"{one.name} is left out"

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.special import erf, ndtr
 
 from sensorlab.gap.values import (
-    CERTAIN, EXACT, FEWEST, PREDICTED_BY, TELLING, lattice, less_rounding, runs)
+    CERTAIN, EXACT, FEWEST, NORMAL_MEDIAN, PREDICTED_BY, TELLING, lattice,
+    less_rounding, not_foretold, runs)
 
 
 class Dropouts(NamedTuple):
@@ -24,7 +25,6 @@ NEAR = 0.5         # of the white noise, to values that the sensor may as well g
 BESIDE = 0.1       # of it: as near there are others, too, or it is a dead zone
 SEVERAL = 4.0      # times as often as chance: a code of a converter may be wider
 ALMOST_NEVER = 1e-9    # is a value in double precision met again
-OF_SD = 0.6745     # is the median of the size of what is normal
 
 
 def dropouts(y):
@@ -67,7 +67,7 @@ def _is_alien(value, others, own):
     lsb, apart = lattice(others), np.abs(away).min()
     # that of most: other wrong words may be left
     noise = less_rounding(
-        np.median(np.abs(np.diff(others))) / (np.sqrt(2.0) * OF_SD), lsb)
+        np.median(np.abs(np.diff(others))) / (np.sqrt(2.0) * NORMAL_MEDIAN), lsb)
     if lsb > noise and apart > CODES * lsb:
         return True
     if not noise > 0.0:
@@ -94,12 +94,11 @@ def _is_out_of_reach(y, own):
     count, true = lost.sum(), y[PREDICTED_BY:][told]
     if count < FEWEST_RUNS or len(lost) - count < 4 * PREDICTED_BY:
         return False
-    near = np.column_stack([np.ones(len(near)), near])
-    mean = near @ np.linalg.lstsq(near[~lost], true[~lost])[0]
-    sd, lsb = np.median(np.abs(true - mean)[~lost]) / OF_SD, lattice(others)
+    left = not_foretold(true, near, ~lost)
+    sd, lsb = np.median(np.abs(left[~lost])) / NORMAL_MEDIAN, lattice(others)
     if not sd > lsb:    # it may be one code of few
         return False
-    above = mean * np.sign(others[0]) - 0.5 * lsb
+    above = (true - left) * np.sign(others[0]) - 0.5 * lsb
     foretold = ndtr(-above / sd).sum() + ALMOST_NEVER
     return bool(count > foretold and count * np.log(count / foretold) > (
         count - foretold + CERTAIN))

@@ -16,12 +16,12 @@ from sensorlab.gap.filters import log_likelihoods, predict
 from sensorlab.gap.kernels.lanes import KERNEL, LANES
 from sensorlab.gap.kernels.mixtures import smoothed
 from sensorlab.gap.linear import part_of
+from sensorlab.gap.values import NORMAL_MEDIAN
 
 FEW = -2.0        # ln B below which a screen has the last word
 ONSETS = 2048     # at most, that are tried
 RATIOS = 33       # values of a parameter that are tried
 STRENGTHS = 13    # of the noise of states, that are tried
-NORMAL_MEDIAN = 0.6745    # of |z|
 FINE = 1.0    # nats that the scale of the other samples may be off
 SCALES = np.geomspace(0.5, 1.05, 25)    # of the other samples, where some are outliers
 DRIVES = "sigma_w", "sigma_m"    # what drives the states of a hypothesis

@@ -11,6 +11,7 @@ TELLING = 20000     # samples that tell of a record what is the same everywhere
 FEWEST = 8          # samples that show what is rare
 CERTAIN = 15.0      # nats by which there is more than by chance
 PADDED = 4          # times as long: of which a line's frequency is read
+NORMAL_MEDIAN = 0.6745    # of |z|
 COARSE = 0.1        # of the white noise: a finer lattice is how a file was printed
 NOISY = 2.0         # of the white noise: what a coarser lattice adds is no white
                     # noise (B. Widrow, I. Kollar, "Quantization Noise", 2008)
@@ -89,7 +90,7 @@ def _spacing_between(differences):
     d = np.frombuffer(differences)
     if not len(d):
         return 0.0
-    scale = np.median(np.abs(d)) / 0.6745
+    scale = np.median(np.abs(d)) / NORMAL_MEDIAN
     # even in 1 / spacing: so is the phase of a difference
     tries = scale / np.arange(1.0 / WIDEST, 1.0 / NARROWEST, 1.0 / 16.0)
     for spacing in tries[_concentration(d[::FEW], tries).real > CONCENTRATED / 2.0]:
@@ -234,12 +235,12 @@ def unpredicted(y):
     return not_foretold(rows[:, -1], rows[:, :-1])
 
 
-def not_foretold(true, near):
+def not_foretold(true, near, by=slice(None)):
     """What a sum of values near each sample (n, k), and a constant, leave of samples
-    (n,), by least squares.
+    (n,), by least squares `by` some of them.
     """
     near = np.column_stack([np.ones(len(true)), near])
-    return true - near @ np.linalg.lstsq(near, true)[0]
+    return true - near @ np.linalg.lstsq(near[by], true[by])[0]
 
 
 def power_of(y):
