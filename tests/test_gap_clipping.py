@@ -70,7 +70,7 @@ def test_what_has_no_noise_is_unclipped_without_end_or_error(x):
     assert np.all((filled[x >= high] >= high) | np.isnan(filled[x >= high]))
 
 
-@pytest.mark.parametrize("lsb", [0.02, 0.2, large(0.1), large(0.5)])
+@pytest.mark.parametrize("lsb", [0.02, 0.2, thorough(0.1), thorough(0.5)])
 def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
     rng = np.random.default_rng(4)
     for _ in range(20):
@@ -85,7 +85,7 @@ def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
 
 
 @pytest.mark.parametrize("lsb, share", [
-    large(0.4, 0.1), thorough(0.6, 0.1), thorough(0.25, 0.03)])
+    thorough(0.4, 0.1), thorough(0.6, 0.1), thorough(0.25, 0.03)])
 def test_a_limit_shows_where_a_walk_wanders_beyond(lsb, share):
     """Which codes next to the last one are met most hangs on where it was for long."""
     found = 0
@@ -101,7 +101,8 @@ def test_a_limit_shows_where_a_walk_wanders_beyond(lsb, share):
     assert found > 10
 
 
-@pytest.mark.parametrize("scatter", [large(8.0), thorough(30.0)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("scatter", [8.0, 30.0])
 def test_what_is_folded_or_begins_again_at_its_other_end_has_no_limit(scatter):
     rng = np.random.default_rng(6)
     for _ in range(20):

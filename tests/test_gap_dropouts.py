@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import large
 from numpy.testing import assert_array_equal
 
 import sensorid
@@ -85,7 +86,7 @@ def test_zeros_that_no_noise_reaches_are_lost_and_no_limit(lsb):
 
 
 @pytest.mark.parametrize("value", [0.0, -9999.0])
-@pytest.mark.parametrize("missing", ["", "sinusoid"])
+@pytest.mark.parametrize("missing", ["", large("sinusoid")])
 def test_nothing_but_lost_samples_is_missing(value, missing):
     ranges = sensorid.hypothesis("random_walk", sigma_w=(0.0007, 0.006),
                                  sigma_v=(0.005, 0.02), bias_sigma=1.0)

@@ -127,14 +127,14 @@ def test_a_line_of_few_samples_lies_between_none():
         assert not interpolated(np.arange(samples) / 8.0).own.any()
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_nothing_is_between_others_by_chance():
     for number, y in enumerate(others()):
         assert not interpolated(readings.recorded(
             np.asarray(y, float), DT, {}).y).own.any(), number
 
 
-@pytest.mark.parametrize("mean", [large(1), large(5), large(30)])
+@pytest.mark.parametrize("mean", [thorough(1), large(5), thorough(30)])
 def test_a_gap_that_was_filled_is_no_calm(mean):
     y, lost = filled(noise(N), mean, share=0.1)
     d = sensorlab.diagnose(y, DT, MODEL[:1])

@@ -166,7 +166,8 @@ def test_what_is_there_before_a_low_pass_takes_the_form_that_passes_it():
     assert lowpass.signature_passing(low_pass, line, scene, True) is line
 
 
-@pytest.mark.parametrize("before", [large(True), thorough(False)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("before", [True, False])
 def test_a_step_is_found_before_a_low_pass_and_behind_it(before):
     """Before it a sharp edge would be impossible where the low-pass stops all."""
     rng = np.random.default_rng(1)    # of 3, it is as likely gradual

@@ -164,8 +164,8 @@ def test_what_moves_through_coarse_counts_repeats_nothing():
                 r.found.name for r in readings.readings(Scene(y, DT, {}))]
 
 
-@pytest.mark.large
-@pytest.mark.parametrize("rate", [0.0, 1.0, 3.0, 7.6, 12.0])
+@pytest.mark.parametrize("rate", [
+    large(0.0), thorough(1.0), thorough(3.0), large(7.6), thorough(12.0)])
 def test_an_angle_in_counts_repeats_nothing(rate):
     for seed in range(5):
         step = np.random.default_rng(seed).normal(rate, 7.0, 2000)
@@ -330,7 +330,8 @@ def test_uneven_polling_shows_a_rate_but_ties_without_pattern_none():
             r.found.name for r in readings.readings(Scene(other, DT, {}))]
 
 
-@pytest.mark.parametrize("calm", [0.4, large(0.8), large(1.2), 5.0])    # of a count
+@pytest.mark.parametrize("calm", [    # of a count
+    0.4, thorough(0.8), thorough(1.2), 5.0])
 def test_values_meet_by_chance_where_a_record_is_calm(calm):
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -432,7 +433,8 @@ def test_the_simulator_of_a_clipped_record_has_the_noise_before(seed, quantiles)
     assert d.after.p_value > 0.01
 
 
-@pytest.mark.parametrize("lsb", [large(0.1), thorough(0.2)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("lsb", [0.1, 0.2])
 def test_clipped_noise_on_a_coarse_lattice_is_seen(lsb):
     rng = np.random.default_rng(5)
     for _ in range(20):
@@ -548,8 +550,8 @@ def test_codes_of_uneven_width_are_read_whatever_else_there_is(kind):
 
 
 @pytest.mark.parametrize("kind", [
-    "white", "walk", "step", "line", large("outliers"),
-    "bursts", "even", "laplace", "quiet"])
+    "white", "walk", "step", "line", large("bursts"),
+    *map(thorough, ("laplace", "outliers", "even", "quiet"))])
 def test_codes_of_even_width_are_not_uneven(kind):
     for seed in range(20):
         y = np.round(noisy(np.random.default_rng(seed), kind))

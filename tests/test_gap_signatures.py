@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL, dense, large, member, thorough
+from conftest import DT, MODEL, dense, large, member
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import integrate as quadrature
 from scipy.fft import next_fast_len
@@ -179,7 +179,8 @@ def test_what_matters_is_exact_at_every_node(effect):
     assert_allclose(again, told, rtol=1e-9)
 
 
-@pytest.mark.parametrize("effect", [large("ringing"), thorough("vibration_burst")])
+@pytest.mark.thorough
+@pytest.mark.parametrize("effect", ["ringing", "vibration_burst"])
 def test_evidence_of_waves_is_a_sum_over_a_fine_grid(effect):
     """A sharp onset between those of a scan costs it many nats."""
     rng, N, dense = np.random.default_rng(3), 900, 21
