@@ -13,7 +13,7 @@ from sensorlab.gap.filters import log_likelihoods, predict
 from sensorlab.gap.linear import part_of
 from sensorlab.gap.scales import column_of_scale
 from sensorlab.gap.screens import (
-    LAWS, STRENGTHS, change_of_drive, noise_with, usual_variance)
+    LAWS, STRENGTHS, change_of_drive, noise_with, room_of_noise, usual_variance)
 from sensorlab.gap.spectra import posterior_law
 from sensorlab.gap.standins import level_as_noise, on_second, steps_as_walk
 
@@ -91,7 +91,7 @@ def _louder_with(one, h, keys, scene, signatures, other, sample, kept):
     has no such effect, all else as `kept`.
     """
     seen = predict(other, scene, signatures, sample.likeliest[None])
-    told = noise_with(h, one, seen.z[0, 0])
+    told = noise_with(h, one, seen.z[0, 0], room_of_noise(other, sample.likeliest))
     likeliest = dict(zip(other.keys, sample.likeliest))
     own = {(one.key, "ratio"): (told.ratio, told.off)}
     own.update((key, (told.rest * likeliest[key], told.off)) for key in keys

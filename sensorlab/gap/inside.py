@@ -21,8 +21,8 @@ from sensorlab.gap.linear import filter_of
 from sensorlab.gap.rival import (
     MATTERS, Rival, different, floor_of, least_told, log_bayes_over, values_of)
 from sensorlab.gap.screens import (
-    FEW, LITTLE, SCREENS, change_of_drive, change_of_level, noise_with, screened,
-    usual_variance)
+    FEW, LITTLE, SCREENS, change_of_drive, change_of_level, noise_with, room_of_noise,
+    screened, usual_variance)
 from sensorlab.gap.spectra import hardly_white, promise, residual_spectrum
 from sensorlab.gap.values import NOISY, less_rounding
 
@@ -88,8 +88,9 @@ class Inside(_Where):
     def _told(self, effect, scene, start, richer):
         """Hypotheses with an effect in it, and about ln B."""
         if effect.relative_to:
-            return richer, noise_with(richer[0], richer[0].effects[-1],
-                                      self.scores[0]).about
+            return richer, noise_with(
+                richer[0], richer[0].effects[-1], self.scores[0],
+                room_of_noise(self.acc.member, self.acc.theta)).about
         if effect.search not in BY_SPECTRA:
             return richer, np.nan
         richer, told = _promising(scene, start, richer, self.spectra)

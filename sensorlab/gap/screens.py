@@ -56,15 +56,19 @@ class Louder(NamedTuple):
     rest: float     # times as strong as the filter has it, where x is `about`
 
 
-def noise_with(h, one, z):
-    """`Louder` of an effect of a hypothesis, `Found` with its ratio free, from normal
-    scores as `screened` has them; by Laplace's method.
+def room_of_noise(h, theta):
+    """How many times as strong, at least and at most, as at theta (p,) the ranges of a
+    hypothesis let its white noise be.
+    """
+    return next(((p.low / value, p.high / value) for (_, symbol), p, value in zip(
+        h.keys, h.parameters, theta) if symbol == "sigma_v" and value > 0.0), (1.0, 1.0))
 
-    The scale of the noise is free where its standard deviation is.
+
+def noise_with(h, one, z, room):
+    """`Louder` of an effect of a hypothesis, `Found` with its ratio free, from normal
+    scores as `screened` has them, with `room_of_noise`; by Laplace's method.
     """
     scene = h.scene
-    loose = any(symbol == "sigma_v" and p.free for (_, symbol), p in zip(
-        h.keys, h.parameters))
     prior, *known = one.values.values()
     x, seen, known = scene.along(one.column), ~np.isnan(z), {
         p.symbol: p.low for p in known}
@@ -72,23 +76,28 @@ def noise_with(h, one, z):
     square, _ = np.histogram(x[seen], edges, weights=z[seen]**2)
     middle, low, high = 0.5 * (edges[1:] + edges[:-1]), *np.log([prior.low, prior.high])
 
+    def fitted(square):
+        """Scale of the noise, and twice the log-likelihood less, a sample."""
+        scale = np.clip(np.sqrt(square.sum() / many.sum()), *room)
+        return scale, square.sum() / many.sum() / scale**2 + 2.0 * np.log(scale)
+
     def of(log_ratio):
-        """Strengths, and the variance of the scores less these."""
+        """Strengths, and what is `fitted` beside them."""
         times = one.effect.drive(scene, x=middle, variant=one.variant, ratio=np.exp(
             log_ratio), **known)
-        return times, (square / times**2).sum() / many.sum()
+        return times, *fitted(square / times**2)
+    _, even = fitted(square)
 
     def gain(log_ratio):
-        (times, even), usual = of(log_ratio), square.sum() / many.sum()
-        more = np.log(even / usual) if loose else even - usual
-        return -0.5 * many.sum() * more - many @ np.log(times)
+        times, _, uneven = of(log_ratio)
+        return 0.5 * many.sum() * (even - uneven) - many @ np.log(times)
     best = minimize_scalar(lambda at: -gain(at), bounds=(low, high), method="bounded").x
     most, apart = gain(best), 1e-2
     bent = (2.0 * most - gain(best - apart) - gain(best + apart)) / apart**2
     off = 1.0 / np.sqrt(max(bent, 1e-9))
     return Louder(float(most + min(np.log(np.sqrt(2.0 * np.pi) * off / (high - low)),
                                    -1.0)), float(np.exp(best)), float(off),
-                  float(np.sqrt(of(best)[1])) if loose else 1.0)
+                  float(of(best)[1]))
 
 
 def usual_variance(z, log_score):
