@@ -146,6 +146,7 @@ def _on_lines(y):
     typical = moves.mean() if len(moves) else 0.0
     bend[1:-1] = np.where(step[1:] * step[:-1] != 0.0, np.abs(np.diff(step)), np.nan)
     for reach, found in ((ON_A_LINE * typical, _exactly),
+                         (ON_A_LINE * typical, _of_slopes_of_their_own(step)),
                          (ROUNDED * lattice(y), _rounded)):
         if not reach or np.sum(bend <= reach) < FEWEST:
             continue
@@ -203,6 +204,24 @@ def _exactly(bend, reach):
     by_chance = max(wider / DENSITY, _of_one_size(bend, reach))
     own = np.full(len(start), by_chance < SELDOM * length.sum())
     return start[own], length[own]
+
+
+def _of_slopes_of_their_own(step):
+    """Function of bends and their reach that gives those of the same that go on for
+    longer than by chance, and whose slope no other of the steps (N - 1,) has: of a
+    record on a lattice many samples lie on lines by chance, but on steps that come
+    again.
+    """
+    def found(bend, reach):
+        start, length = _rounded(bend, reach)
+        others = np.sort(np.delete(step, np.flatnonzero(
+            within(start - 1, length + 1, len(step)))))
+        near, wider = (np.searchsorted(others, step[start] + width, "right")
+                       - np.searchsorted(others, step[start] - width)
+                       for width in (reach, DENSITY * reach))
+        own = near <= SELDOM * length + 2.0 * wider / DENSITY
+        return start[own], length[own]
+    return found
 
 
 def _rounded(bend, reach):
