@@ -352,6 +352,17 @@ def test_where_a_known_noise_is_right_says_how_it_changes(name, form, times):
                   ).max() > abs(np.log(mean))    # as well as it is known
 
 
+@pytest.mark.parametrize("name, times", [
+    ("noise_ramp", 1.0 + 0.6 * LATE), large("noise_ramp", 1.6 - 0.6 * LATE),
+    large("noise_sensitivity", 1.5**(0.5 * (1.0 + TURN)))])
+def test_noise_that_is_known_to_a_few_per_cent_and_grows_is_no_step(name, times):
+    y = times * np.random.default_rng(6).standard_normal(1500)
+    d = sensorlab.diagnose(y, 1.0, [sensorid.hypothesis(
+        "white_noise", sigma_v=(0.97, 1.03))],
+        dict(temperature=TURN) if "sens" in name else {})
+    assert d.verdict == name and d.causes[0].probability > 0.5
+
+
 def test_a_simulator_whose_low_passed_noise_changes_twice_is_refused():
     x, y = np.arange(300.0), np.random.default_rng(1).standard_normal(300)
     effects = tuple(

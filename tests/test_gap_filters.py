@@ -6,7 +6,7 @@ import generator
 import naive
 import numpy as np
 import pytest
-from conftest import DT, MODEL, dense, large, member, paper_case
+from conftest import DT, MODEL, dense, large, member, paper_case, through_low_pass
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal, norm
 
@@ -426,6 +426,53 @@ def test_steps_on_a_walk_are_close_to_the_sum_over_all_histories():
         p = filters.predict(own, own.scene, (), np.array([[0.1, 0.3, dwell, sigma]]))
         errors.append(p.log_likelihood[0, 0] - exact)
     assert abs(np.mean(errors)) < 0.2 and np.std(errors) < 0.5
+
+
+@pytest.mark.parametrize("form", [
+    "digital", large("digital first order"), large("exponential")])
+@pytest.mark.parametrize("effect", ["random_telegraph", "random_steps"])
+def test_a_level_passes_a_low_pass_as_the_sum_over_all_histories_does(form, effect):
+    n, bias_sigma, sigma_v, tau, dwell, size = 10, 0.05, 0.3, 1.0, 5.0, 2.0
+    L = through_low_pass(form, tau, 80)    # of noise that has gone on for long
+    noise = sigma_v**2 * (L @ L.T)[-n:, -n:] + bias_sigma**2
+    if effect == "random_telegraph":
+        change = 0.5 * (1.0 - np.exp(-2.0 * DT / dwell))
+        paths, prior = naive.histories(change, change, n + 1)
+        level = (paths - 0.5) * size
+        rest = level[:, :1]    # before the first sample
+        mean = rest + (level[:, 1:] - rest) @ L[:n, :n].T
+        one = multivariate_normal(cov=noise)
+        off, apart = 0.05, 0.2
+
+        def drawn(k):
+            return mean[k] + one.rvs(random_state=rng)
+
+        def density(y):
+            return prior @ one.pdf(y - mean)
+    else:
+        begin = 1.0 - np.exp(-DT / dwell)
+        paths = np.array(list(itertools.product((0, 1), repeat=n)))
+        prior = (begin**paths * (1.0 - begin)**(1 - paths)).prod(1)
+        below = L[:n, :n] @ np.tri(n)
+        laws = [multivariate_normal(cov=noise + size**2 * (below * path) @ below.T)
+                for path in paths]
+        off, apart = 0.2, 0.5
+
+        def drawn(k):
+            return laws[k].rvs(random_state=rng)
+
+        def density(y):
+            return prior @ [law.pdf(y) for law in laws]
+    h = sensorid.hypothesis("white_noise", sigma_v=sigma_v, bias_sigma=bias_sigma)
+    theta, errors = np.array([[sigma_v, tau, dwell, size]]), []
+    rng = np.random.default_rng(4)
+    for k in rng.choice(len(paths), 40, p=prior):
+        y = drawn(k)
+        own = member(Scene(y, DT, {}), h).with_effect(
+            CATALOGUE["bandwidth"], form).with_effect(CATALOGUE[effect])
+        errors.append(filters.log_likelihoods(own, own.scene, (), theta)[0]
+                      - np.log(density(y)))
+    assert abs(np.mean(errors)) < off and np.std(errors) < apart, errors
 
 
 def with_every_age(y, dwell, sigma):

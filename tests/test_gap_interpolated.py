@@ -52,6 +52,17 @@ def test_gaps_that_were_filled_are_found(digits, offset):
             assert np.mean(~lost[lines.own]) < 0.05 if lines.own.any() else mean == 1
 
 
+@pytest.mark.parametrize("lsb", [0.05, 0.25])
+def test_gaps_in_a_record_of_counts_are_found(lsb):
+    """Where many samples lie on lines by chance, on steps of whole counts."""
+    for values in (noise(N), lfilter(*butter(2, 0.5), noise(N))):
+        counts = lsb * np.round(values / lsb)
+        assert not interpolated(counts).own.any()
+        y, lost = filled(counts, 30)
+        own = interpolated(y).own
+        assert not own[~lost].any() and own[lost].mean() > 0.9
+
+
 @pytest.mark.parametrize("digits", [15, 3])
 @pytest.mark.parametrize("kind", GIVEN)
 def test_what_was_interpolated_to_a_higher_rate_is_found(kind, digits):

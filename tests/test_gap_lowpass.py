@@ -190,6 +190,25 @@ def test_a_step_is_found_before_a_low_pass_and_behind_it(before):
         assert sensorlab.diagnose(y, 1.0, model).verdict == "none"
 
 
+@pytest.mark.parametrize("lsb", [thorough(0.0), large(0.1)])
+def test_a_telegraph_is_found_before_a_low_pass(lsb):
+    """Its edges are as smooth as a low-pass leaves them."""
+    rng = np.random.default_rng(2)
+    b, a = signal.butter(2, 0.4)
+    noise = rng.standard_normal((2, 3100))
+    level = 1.2 * (np.cumsum(rng.random(3100) < 0.008) % 2)
+    theirs, y = (signal.lfilter(b, a, u)[100:] for u in (noise[0], noise[1] + level))
+    if lsb:
+        theirs, y = lsb * np.round(np.array([theirs, y]) / lsb)
+    d = sensorlab.diagnose(y, 1.0, sensorlab.simulator_from(theirs[None], 1.0))
+    assert d.verdict == "random_telegraph"
+    mean, sd = d.found[0].values["size"]
+    assert abs(mean - 1.2) < 3.0 * sd < 0.3
+    drawn = sensorlab.simulate_effects(
+        sensorlab.augmented(d), Scene(np.zeros(3000), 1.0, {}), seed=1).error[0]
+    assert sensorlab.diagnose(drawn, 1.0, sensorlab.augmented(d)).verdict == "none"
+
+
 def log_density(scene, low_pass, noise):
     """Of a record, by a dense matrix: noise of a covariance (N + 1000, N + 1000) that
     passes, a bias, and what digits leave out.

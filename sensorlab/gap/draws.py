@@ -4,6 +4,7 @@ import numpy as np
 
 from sensorid import Parameter, as_hypotheses, simulate
 from sensorlab.gap.effects import Jumps, signature_of
+from sensorlab.gap.lowpass import low_pass_of
 from sensorlab.gap.members import Simulator, members
 
 
@@ -35,7 +36,8 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
         member, (_, effects) = inside[number], simulator.pairs[number]
         if member.has_jumps:
             theta = drawn.theta[trial, :len(member.parameters)]
-            add_jumps(y, Jumps(*(part[0] for part in member.jumps(theta[None]))), rng)
+            add_jumps(y, Jumps(*(part[0] for part in member.jumps(theta[None]))), rng,
+                      low_pass_of(member, theta), scene.dt)
         for one in effects:
             if one.effect.columns:
                 y += signature_of(scene, one, {
@@ -58,20 +60,24 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
     return drawn
 
 
-def add_jumps(y, jumps, rng):
-    """Outliers, levels, bursts of noise and steps added to y in place."""
+def add_jumps(y, jumps, rng, low_pass=None, dt=1.0):
+    """Outliers, levels, bursts of noise and steps added to y in place; levels and steps
+    pass a `LowPass`.
+    """
+    level = np.zeros(len(y))
     if jumps.rate > 0.0:
         at = rng.random(len(y)) < jumps.rate
         y[at] += np.sqrt(jumps.variance) * rng.standard_normal(at.sum())
     if jumps.half > 0.0:
         change = rng.random(len(y)) < jumps.begin
-        level = (rng.integers(2) + np.cumsum(change)) % 2
-        y += jumps.half * (2.0 * level - 1.0)
+        second = (rng.integers(2) + np.cumsum(change)) % 2
+        level += jumps.half * (2.0 * second - 1.0)
     if jumps.step > 0.0:
         at = np.flatnonzero(rng.random(len(y)) < jumps.begin)
         size = np.zeros(len(y))
         size[at] = np.sqrt(jumps.step) * rng.standard_normal(len(at))
-        y += np.cumsum(size)
+        level += np.cumsum(size)
+    y += low_pass.passed(level[:, None], dt)[:, 0] if low_pass else level
     if jumps.louder > 0.0:
         for part in _bursts(len(y), jumps, rng):
             y[part] += np.sqrt(jumps.louder) * rng.standard_normal(len(y[part]))

@@ -127,13 +127,14 @@ class Inside(_Where):
 
 
 def _after_low_passes(effect, acc):
-    """Lists of hypotheses of an account to which a process may be added: it passes a
-    low-pass that all passes, or one that was found is of the white noise alone and the
-    process is behind it.
+    """Lists of hypotheses of an account to which a process, or a level, may be added:
+    it passes a low-pass that all passes, or one that was found is of the white noise
+    alone and the process is behind it.
     """
     yield acc.hypotheses
-    if effect.model and not effect.jumps and not effect.reading and any(
-            one.acts_on_all for one in acc.member.effects):
+    passes = acc.member.without_jumps.with_effect(effect).moves_a_level if (
+        effect.jumps) else effect.model and not effect.reading
+    if passes and any(one.acts_on_all for one in acc.member.effects):
         yield [h.behind_low_passes(base) for h, base in zip(acc.hypotheses, acc.bases)]
 
 

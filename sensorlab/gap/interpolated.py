@@ -210,7 +210,7 @@ def _of_slopes_of_their_own(step):
     """Function of bends and their reach that gives those of the same that go on for
     longer than by chance, and whose slope no other of the steps (N - 1,) has: of a
     record on a lattice many samples lie on lines by chance, but on steps that come
-    again.
+    again. Where there are such lines, some have equal ends.
     """
     def found(bend, reach):
         start, length = _rounded(bend, reach)
@@ -220,7 +220,12 @@ def _of_slopes_of_their_own(step):
                        - np.searchsorted(others, step[start] - width)
                        for width in (reach, DENSITY * reach))
         own = near <= SELDOM * length + 2.0 * wider / DENSITY
-        return start[own], length[own]
+        if not own.any():
+            return start[own], length[own]
+        level, ties = runs(step == 0.0)
+        flat = ties >= more_than_chance(np.mean(step == 0.0), len(bend))
+        return (np.append(start[own], level[flat] + 1),
+                np.append(length[own], ties[flat] - 1))
     return found
 
 

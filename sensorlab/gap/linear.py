@@ -54,7 +54,7 @@ def with_constants(h, scene, signatures, theta):
     one = parts_at(h, scene, theta)
     variance = constants(h, signatures)
     k, n = len(variance), len(one.pair)
-    more = np.zeros((10, len(theta), k))
+    more = np.zeros((11, len(theta), k))
     more[0], more[4] = 1.0, variance
     H = np.column_stack([np.tile(np.append(one.h, 1.0), (len(scene.y), 1)),
                          *(s.columns for s in signatures)])

@@ -230,6 +230,24 @@ class Member(NamedTuple):
         return sum(one.begin > 0.0 for one in self._mean_jumps())
 
     @property
+    def moves_a_level(self):
+        """Does one of its effects move the value for a while?"""
+        return any(one.half > 0.0 or one.step > 0.0 for one in self._mean_jumps())
+
+    @property
+    def low_pass_of_levels(self):
+        """The effect, `Found`, that is a low-pass which a level that changes passes,
+        and the numbers of its states, but for that of its noise, if it has one; None
+        and no number without.
+        """
+        models = [one for one in self.in_turn if one.effect.model]
+        for one, before, after in zip(models, self.at_mean, self.at_mean[1:]):
+            if one.acts_on_all and self.moves_a_level:
+                first = len(before.m0)
+                return one, np.arange(first, max(len(after.m0) - 1, first + 1))
+        return None, np.zeros(0, int)
+
+    @property
     def steps(self):
         """Does a level move at random?"""
         return any(one.step > 0.0 for one in self._mean_jumps())

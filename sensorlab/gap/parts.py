@@ -9,6 +9,7 @@ import numpy as np
 from sensorid import Bank, Modes, bank, brief, modes
 from sensorlab.gap.effects import BLOCK
 from sensorlab.gap.kernels.lanes import LANES
+from sensorlab.gap.processes import moved_by_level
 
 NOISES = 16 * BLOCK    # variances of noise that changes that are held at a time
 
@@ -253,11 +254,12 @@ def leaked(own, N, back):
 class Parts(NamedTuple):
     """Filters that fall apart into processes of one state and of two, at M nodes."""
 
-    own: np.ndarray     # (10, M, n) factors of a state and of the other one of its
+    own: np.ndarray     # (11, M, n) factors of a state and of the other one of its
                         # pair, variances of the noises and their covariances with that
                         # of the other, both of the states at first, what is added to
                         # those of the noises, `rise` times, and what is, as many times
-                        # as that is more than before
+                        # as that is more than before; by how much a level that changes
+                        # moves it, a unit
     pair: np.ndarray    # (n,) number of the other state, or its own
     h: np.ndarray       # (n,) what observes the states
     r: np.ndarray       # (M, 1 or N) variance of the white noise
@@ -268,7 +270,15 @@ class Parts(NamedTuple):
 
 def parts_at(h, scene, theta):
     """`Parts` of a hypothesis at theta (M, p)."""
-    return parts_of(h, *bank_at(h, scene, theta))
+    one = parts_of(h, *bank_at(h, scene, theta))
+    low_pass, states = h.low_pass_of_levels
+    if low_pass:
+        even, evenly = h.evenly_driven(theta[:1])
+        momentary = _momentary(bank(even, scene.dt, evenly))
+        at = states - np.cumsum(momentary)[states]
+        one.own[10][:, at] = moved_by_level(
+            low_pass.variant, scene.dt / h.value(theta, low_pass.key, "tau"))
+    return one
 
 
 def parts_of(h, b, change=None):
@@ -285,7 +295,7 @@ def parts_of(h, b, change=None):
     beside = (pair != np.arange(n)) * 1.0
     own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
            for part in (m[:, range(n), range(n)], m[:, range(n), pair] * beside)]
-    one = Parts(np.array([*own, *np.zeros((4, *own[0].shape))]), pair, b.H[0, 0], b.r)
+    one = Parts(np.array([*own, *np.zeros((5, *own[0].shape))]), pair, b.H[0, 0], b.r)
     return _changing(one, h, change) if change else one
 
 

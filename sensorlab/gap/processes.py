@@ -260,6 +260,16 @@ def digital(variant, cut_off):
     return _of_first_order(K) if "first order" in variant else _of_second_order(K)
 
 
+def moved_by_level(variant, cut_off):
+    """By how much the states of a `digital` low-pass, but its noise, move where a level
+    that passes it does, a unit, (M, m), cut-offs (M,): less where they rest, with T of
+    `_through` at f = 1, s - T u <- A (s - T u) + (B - T) (u less what it was before).
+    """
+    filt = digital(variant, cut_off[:, None])
+    A, B = filt.Phi[:, 0, :-1, :-1], filt.Gamma[:, 0, :-1, 0]
+    return B - _solved(np.eye(A.shape[-1]) - A, B)
+
+
 def _of_second_order(K):
     """White noise w through the bilinear transform of a Butterworth filter:
     b (1 + ZERO / z)^2 / (1 - c / z - d / z^2).

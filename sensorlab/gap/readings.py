@@ -429,7 +429,7 @@ def recorded(y, dt, columns):
     if lsb < largest <= COARSE * noise:    # what is small was rounded by less: a noise
         lsb, sensed = largest, largest * np.round(sensed / largest)    # that changes
     if y is given:    # what lies between knots is on no lattice
-        sensed = on_samples(snapped(sensed))
+        sensed = on_samples(snapped(sensed, interpolated(sensed).own))
     return Scene(np.where(lost, y, sensed), dt, columns,
                  rounding=lsb / np.sqrt(12.0) if lsb <= COARSE * noise else 0.0)
 

@@ -12,6 +12,7 @@ from sensorlab.gap.effects import Effect, Found, fixed
 from sensorlab.gap.filters import predict
 from sensorlab.gap.kernels.mixtures import smoothed
 from sensorlab.gap.linear import estimated
+from sensorlab.gap.lowpass import low_pass_of
 from sensorlab.gap.processes import beside, join
 
 
@@ -103,7 +104,8 @@ def stand_ins(scene, acc):
     seen, jumps = _seen(scene, acc), acc.member.jumps(acc.theta[None])
     plain, hypotheses = _gaussian(scene, acc, seen)
     together = _with_clusters(scene, plain, jumps.rate[0])
-    level = _level(seen, jumps) if jumps.half[0] else None
+    level = _level(seen, jumps, low_pass_of(acc.member, acc.theta), scene.dt
+                   ) if jumps.half[0] else None
     if level is None:
         return [(together, hypotheses)], (plain, hypotheses)
     less = tuple(h._replace(effects=tuple(
@@ -113,13 +115,17 @@ def stand_ins(scene, acc):
     return [(together, hypotheses), without[0]], without[1]
 
 
-def _level(seen, jumps):
-    """The level (N,) of two values, NaN where it is not sure; None if it seldom is."""
+def _level(seen, jumps, low_pass, dt):
+    """The level (N,) of two values, as it passes a `LowPass`, if there is one, NaN
+    where it is not sure; None if it seldom is.
+    """
     second = on_second(seen, jumps)
     sure = np.maximum(second, 1.0 - second) > SURE
     if sure.mean() < MOSTLY:
         return None
-    return np.where(sure, jumps.half[0] * np.sign(second - 0.5), np.nan)
+    level = np.where(second > 0.5, jumps.half[0], -jumps.half[0])
+    return np.where(sure, low_pass.passed(level[:, None], dt)[:, 0] if low_pass
+                    else level, np.nan)
 
 
 def _with_clusters(scene, masked, rate):

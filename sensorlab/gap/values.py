@@ -196,11 +196,18 @@ def spread_where_calm(x):
     return np.sqrt(0.5 * np.pi) * np.quantile(size.reshape(-1, CALM).mean(1), CALMEST)
 
 
-def snapped(y):
-    """A record with its values on their lattice, if they have one; 0 stays 0."""
+OFF = 1e-6    # of the spacing of a lattice: what lies on it is nearer
+
+
+def snapped(y, between=False):
+    """A record with its values on their lattice, if they have one; 0 stays 0, as do
+    samples `between` others (N,) that lie off it.
+    """
     lsb, seen = lattice(y), y[~np.isnan(y)]
-    return np.where(y == 0.0, y, seen[0] + lsb * np.round(
-        (y - seen[0]) / lsb)) if lsb else y
+    if not lsb:
+        return y
+    near = seen[0] + lsb * np.round((y - seen[0]) / lsb)
+    return np.where((y == 0.0) | between & (np.abs(y - near) > OFF * lsb), y, near)
 
 
 def lattice_and_noise(y):

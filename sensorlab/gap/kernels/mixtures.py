@@ -30,7 +30,7 @@ def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out, moved=0):
     """Log-likelihoods (R, M) of records under filters with outliers and two levels, or
     a level that steps.
 
-    y (R, N); H (N, n) observes n states; own (10, M, n), pair (n,), rise (M or 0, N)
+    y (R, N); H (N, n) observes n states; own (11, M, n), pair (n,), rise (M or 0, N)
     and r (M, 1 or N) are the parts of `parts.Parts`; outlier (M, 2) = rate,
     variance; jump (M, 5) = probabilities that the second level begins and that it ends,
     half the distance of the levels, variance that the second adds to the noise, and
@@ -258,7 +258,7 @@ def _filtered(y, H, own, pair, rise, r, outlier, jump, moved, second, out):
             rise) and not away:
         in_threads(filter_outliers, some, (0,) * n, y, H, own, r, outlier, out, total)
     elif (levels, kinds) == (2, 1) and n <= UNROLLED_LEVELS and not len(
-            rise) and away < 2:
+            rise) and away < 2 and not own[10].any():
         in_threads(filter_levels, some, (0,) * n, () if away else None, y, H, own, pair,
                    r, jump, second, out, total)
     else:
@@ -283,7 +283,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r
         rate, wider, chance, offset, louder = (
             np.empty(of_path), np.empty(of_path), np.ones(of_path), np.zeros(of_path),
             np.zeros(of_path))
-        weight = np.ones(of_level)
+        weight, push = np.ones(of_level), np.zeros((n, lanes))
         for g in range(of_path):
             at = node[g % of_level] = nodes[g % lanes]
             rate[g], wider[g] = outlier[at, 0], outlier[at, 1]
@@ -293,6 +293,9 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r
                 begins = second[record[g % lanes], at]
                 weight[g % of_level] = begins if start else 1.0 - begins
                 offset[g], louder[g] = (2 * to - 1) * change[2], to * change[3]
+                for s in range(n):    # of a low-pass, where the level changes
+                    push[s, g % lanes] = 2.0 * change[2] * own[10, at, s]
+                    offset[g] += (to - start) * H[0, s] * push[s, g % lanes]
         parts, P = np.empty((6, n, of_level)), np.empty((n, n, of_level))
         load(own, pair, node, parts, P)
         x, Ph, nu, f, noise = (np.zeros((n, of_level)), np.empty((n, of_level)),
@@ -381,7 +384,7 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r
                 update_covariance(P, Ph, shrink)
             else:
                 _share_paths(here_of, prior_of, seen, mass, share_of, weight_of)
-                _merge_paths(share_of, gain_of, shrink_of, apart, new, x_of, P_of,
+                _merge_paths(share_of, gain_of, shrink_of, push, apart, new, x_of, P_of,
                              Ph_of)
             if tell and levels * kinds == 1:
                 for g in range(tell):
@@ -431,9 +434,9 @@ def _share_paths(here, prior, seen, mass, share, weight):
 
 
 @njit(**INSIDE)
-def _merge_paths(share, gain, shrink, apart, new, x, P, Ph):
+def _merge_paths(share, gain, shrink, push, apart, new, x, P, Ph):
     """One Gaussian of each level after a sample, from the two that have led there:
-    x (n, 2, lanes) and P (n, n, 2, lanes).
+    x (n, 2, lanes) and P (n, n, 2, lanes); the way up adds a push (n, lanes).
 
     apart (n, 2, lanes) becomes the difference of the two states.
     """
@@ -442,10 +445,11 @@ def _merge_paths(share, gain, shrink, apart, new, x, P, Ph):
         for to in range(2):
             first, second = 2 * to, 2 * to + 1
             for g in range(lanes):
-                new[to, g] = x[s, 1, g] + Ph[s, 1, g] * gain[second, g]
+                new[to, g] = x[s, 1, g] + Ph[s, 1, g] * gain[second, g] - (
+                    1 - to) * push[s, g]
             for g in range(lanes):
-                apart[s, to, g] = x[s, 0, g] + Ph[s, 0, g] * gain[first, g] - (
-                    new[to, g])
+                apart[s, to, g] = x[s, 0, g] + Ph[s, 0, g] * gain[first, g] + (
+                    to * push[s, g] - new[to, g])
             for g in range(lanes):
                 new[to, g] += share[first, g] * apart[s, to, g]
         for to in range(2):

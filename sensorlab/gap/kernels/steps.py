@@ -35,13 +35,15 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, rise, r, outlier, j
     of_age, by_age = ages * lanes, (ages, lanes)
     for group in range(first, last):
         record, nodes, number, tell = lanes_of_group(group, lanes, M, out)
-        node = np.empty(of_age, np.int64)
+        node, along = np.empty(of_age, np.int64), np.empty((n, lanes))
         rate, wider, begin, step = (np.empty(of_age), np.empty(of_age), np.empty(lanes),
                                     np.empty(lanes))
         for g in range(of_age):
             at = node[g] = nodes[g % lanes]
             rate[g], wider[g] = outlier[at, 0], outlier[at, 1]
             begin[g % lanes], step[g % lanes] = jump[at, 0], jump[at, 4]
+            for s in range(n):
+                along[s, g % lanes] = 1.0 if s == moved else own[10, at, s]
         parts, P = np.empty((6, n, of_age)), np.empty((n, n, of_age))
         load(own, pair, node, parts, P)
         x, Ph, nu, f, noise = (np.zeros((n, of_age)), np.empty((n, of_age)),
@@ -84,8 +86,10 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, rise, r, outlier, j
             for g in range(of_age):
                 f[g] = noise[g]
             turn_covariance(parts, pair, P)
-            for g in range(lanes):
-                P[moved, moved, g] += step[g]
+            for s in range(n):
+                for t in range(s + 1):
+                    for g in range(lanes):
+                        P[s, t, g] += step[g] * along[s, g] * along[t, g]
             observe_covariance(parts, pair, h, P, Ph, f)
             turn(parts, pair, x)
             observe_state(h, x, nu)
