@@ -13,10 +13,9 @@ from sensorlab.gap.kernels.told import (
 
 UNROLLED_LEVELS = 4    # states that it has at most: of more LLVM makes no vectors
 
-# First come the rows of the states: Phi, Q, what Phi has before and behind its
-# diagonal, what Q has before it, h (n each); x (n), P (n x n, of which the lower half
-# is kept) and P h (n) of either level. A path leads from one level to one: those to the
-# first, from either, then those to the second.
+# First come the rows of the states: Phi, Q, h (n each); x (n), P (n x n, of which the
+# lower half is kept) and P h (n) of either level. A path leads from one level to one:
+# those to the first, from either, then those to the second.
 ROWS = dict(
     value=1,                 # NaN where none is seen
     noise=1,                 # R
@@ -29,8 +28,7 @@ ROWS = dict(
     least=1, mass=1,         # this exponent and the density
     share=4, seen_per_f=4,   # of each path: of its level; 1 / f where there is a value
     exponents=1, product=1)  # sum and product of the samples so far
-# behind: the first level as it will be, and before that what a chain makes of P; how
-# far the two paths to a level are apart
+# behind: the first level as it will be; how far the two paths to a level are apart
 (NOISE, NU, F, CHANCE, OFFSET, LOUDER, WEIGHT, E, PER_F, PRIOR, HERE, LEAST, MASS,
  SHARE, SEEN_PER_F, EXPONENTS, PRODUCT, MADE) = accumulate(ROWS.values())
 TOLD = SHARE - E    # rows of which a sample is told
@@ -38,14 +36,13 @@ TOLD = SHARE - E    # rows of which a sample is told
 
 @njit(**INSIDE)
 def _value_row(n):
-    return 10 * n + 2 * n * n
+    return 7 * n + 2 * n * n
 
 
 @njit(**KERNEL)
-def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, second, out,
-                  total):
-    """Groups of `mixtures.mixture_filters` of a level without outliers; a `chain` that
-    is not None has pairs of neighbours. Probabilities have samples for lanes.
+def filter_levels(first, last, states, y, H, own, r, jump, second, out, total):
+    """Groups of `mixtures.mixture_filters` of a level without outliers, of states that
+    have no pair. Probabilities have samples for lanes.
     """
     N, M, n, rows = y.shape[1], own.shape[1], np.int64(len(states)), out.shape[2]
     v = _value_row(n)
@@ -62,15 +59,9 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, second, 
             for s in range(n):
                 node[s * LANES + g] = own[0, at[g], s]
                 node[(n + s) * LANES + g] = own[2, at[g], s]
-                if pair[s] != s:
-                    node[((2 if pair[s] < s else 3) * n + s) * LANES + g] = own[
-                        1, at[g], s]
-                if pair[s] < s:
-                    node[(4 * n + s) * LANES + g] = own[3, at[g], s]
                 for level in range(2):
-                    k = 8 * n + level * n * n + s * n
-                    node[(k + pair[s]) * LANES + g] = own[5, at[g], s]
-                    node[(k + s) * LANES + g] = own[4, at[g], s]
+                    node[(5 * n + level * n * n + s * n + s) * LANES + g] = own[
+                        4, at[g], s]
             starts, ends, half, louder, _ = jump[at[g]]
             begins = second[record[g], at[g]]
             law = (1.0 - starts, ends, starts, 1.0 - ends, -half, half, 0.0, louder,
@@ -86,15 +77,11 @@ def filter_levels(first, last, states, chain, y, H, own, pair, r, jump, second, 
                     node[(v + NOISE) * LANES + g] = r[at[g], i]
             for s in range(n):    # in the same array: it can be no other's
                 for g in range(LANES):
-                    node[(5 * n + s) * LANES + g] = H[i, s]
-            if chain is not None:
-                _turn(states, one, node)
-            _predict(states, one, chain, node)
-            _observe(n, one, chain, node)
-            if chain is not None:
-                _turn(states, other, node)
-            _predict(states, other, chain, node)
-            _observe(n, other, chain, node)
+                    node[(2 * n + s) * LANES + g] = H[i, s]
+            _predict(states, one, node)
+            _observe(n, one, node)
+            _predict(states, other, node)
+            _observe(n, other, node)
             _take_path(v, one, one, node)
             _take_path(v, one, other, node)
             _take_path(v, other, one, node)
@@ -135,69 +122,31 @@ def _lower(n, s, t):
 
 
 @njit(**INSIDE)
-def _turn(states, level, node):
-    """Phi P of a level of a chain, where the first level will be."""
-    n, P = len(states), 8 * len(states) + level * len(states)**2
-    turned = _value_row(n) + MADE
-    for g in range(LANES):
-        for s in range(n):
-            for t in range(n):
-                new = (node[s * LANES + g]
-                       * node[(P + _lower(n, s, t)) * LANES + g])
-                if s > 0:
-                    new += (node[(2 * n + s) * LANES + g]
-                            * node[(P + _lower(n, s - 1, t)) * LANES + g])
-                if s < n - 1:
-                    new += (node[(3 * n + s) * LANES + g]
-                            * node[(P + _lower(n, s + 1, t)) * LANES + g])
-                node[(turned + s * n + t) * LANES + g] = new
-
-
-@njit(**INSIDE)
-def _predict(states, level, chain, node):
-    """Covariance of a level at a sample, Eq. (5), after `_turn` if it is a chain."""
-    n, P = len(states), 8 * len(states) + level * len(states)**2
-    turned = _value_row(n) + MADE
+def _predict(states, level, node):
+    """Covariance of a level at a sample, Eq. (5)."""
+    n, P = len(states), 5 * len(states) + level * len(states)**2
     for g in range(LANES):
         for s in range(n):
             for t in range(s + 1):
                 k = s * n + t
-                if chain is None:
-                    new = (node[s * LANES + g] * node[(P + k) * LANES + g]
-                           * node[t * LANES + g])
-                else:
-                    new = node[(turned + k) * LANES + g] * node[t * LANES + g]
-                    if t > 0:
-                        new += (node[(turned + k - 1) * LANES + g]
-                                * node[(2 * n + t) * LANES + g])
-                    if t < n - 1:
-                        new += (node[(turned + k + 1) * LANES + g]
-                                * node[(3 * n + t) * LANES + g])
-                    if t == s - 1:
-                        new += node[(4 * n + s) * LANES + g]
+                new = (node[s * LANES + g] * node[(P + k) * LANES + g]
+                       * node[t * LANES + g])
                 if s == t:
                     new += node[(n + s) * LANES + g]
                 node[(P + k) * LANES + g] = new
 
 
 @njit(**INSIDE)
-def _observe(n, level, chain, node):
+def _observe(n, level, node):
     """State of a level at a sample, its innovation and the variance of this, Eqs. (6)
     to (8).
     """
-    h, x, P, Ph, v = (5 * n, (6 + level) * n, 8 * n + level * n * n,
-                      (8 + level) * n + 2 * n * n, _value_row(n))
+    h, x, P, Ph, v = (2 * n, (3 + level) * n, 5 * n + level * n * n,
+                      (5 + level) * n + 2 * n * n, _value_row(n))
     for g in range(LANES):
-        nu, f, before = node[v * LANES + g], node[(v + NOISE) * LANES + g], 0.0
+        nu, f = node[v * LANES + g], node[(v + NOISE) * LANES + g]
         for s in range(n):
-            own, old = 0.0, node[(x + s) * LANES + g]
-            new = node[s * LANES + g] * old
-            if chain is not None:
-                if s > 0:
-                    new += node[(2 * n + s) * LANES + g] * before
-                if s < n - 1:
-                    new += node[(3 * n + s) * LANES + g] * node[(x + s + 1) * LANES + g]
-                before = old
+            own, new = 0.0, node[s * LANES + g] * node[(x + s) * LANES + g]
             for t in range(n):
                 own += (node[(P + _lower(n, s, t)) * LANES + g]
                         * node[(h + t) * LANES + g])
@@ -277,9 +226,9 @@ def _merge_states(n, level, node):
     covariance.
     """
     v = _value_row(n)
-    x, Ph, made = 6 * n, 8 * n + 2 * n * n, v + MADE
+    x, Ph, made = 3 * n, 5 * n + 2 * n * n, v + MADE
     apart, one, other, new_x = made + n + n * n, 2 * level, 2 * level + 1, (
-        7 * n if level else made)
+        4 * n if level else made)
     for g in range(LANES):
         gain = (node[(v + SEEN_PER_F + one) * LANES + g]
                 * node[(v + E + one) * LANES + g])
@@ -299,7 +248,7 @@ def _merge_states(n, level, node):
 def _merge_covariances(n, level, node):
     """The covariance of a level after a sample, one Gaussian for two."""
     v = _value_row(n)
-    P, Ph, made, one, other = (8 * n, 8 * n + 2 * n * n, v + MADE + n, 2 * level,
+    P, Ph, made, one, other = (5 * n, 5 * n + 2 * n * n, v + MADE + n, 2 * level,
                                2 * level + 1)
     apart, new_P = made + n * n, P + n * n if level else made
     for g in range(LANES):
@@ -327,7 +276,7 @@ def _go_on(n, node):
     made = _value_row(n) + MADE
     for g in range(LANES):
         for s in range(n):
-            node[(6 * n + s) * LANES + g] = node[(made + s) * LANES + g]
+            node[(3 * n + s) * LANES + g] = node[(made + s) * LANES + g]
             for t in range(s + 1):
-                node[(8 * n + s * n + t) * LANES + g] = node[
+                node[(5 * n + s * n + t) * LANES + g] = node[
                     (made + n + s * n + t) * LANES + g]

@@ -258,9 +258,9 @@ def _filtered(y, H, own, pair, rise, r, outlier, jump, moved, second, out):
             rise) and not away:
         in_threads(filter_outliers, some, (0,) * n, y, H, own, r, outlier, out, total)
     elif (levels, kinds) == (2, 1) and n <= UNROLLED_LEVELS and not len(
-            rise) and away < 2 and not own[10].any():
-        in_threads(filter_levels, some, (0,) * n, () if away else None, y, H, own, pair,
-                   r, jump, second, out, total)
+            rise) and not away and not own[10].any():
+        in_threads(filter_levels, some, (0,) * n, y, H, own, r, jump, second, out,
+                   total)
     else:
         lanes = lanes_for(total.size) if total.size > LANES // 2 else total.size
         in_threads(_filter_mixtures, groups(total.size, lanes), lanes, levels, kinds, y,
