@@ -36,6 +36,15 @@ def test_what_is_lost_is_seen(y, lsb, value):
     assert told.value == value
 
 
+def test_a_constant_between_few_codes_is_seen():
+    """It spoils the lattice of 30 codes, and no code of these is it."""
+    for seed in range(10):
+        y = counts(np.random.default_rng(seed).standard_normal(N), 0.2)
+        y[LOST] = 0.313
+        told = dropouts(y)
+        assert told.value == 0.313 and told.own.sum() == LOST.sum()
+
+
 @pytest.mark.parametrize("lsb", [0.0, 0.1, 1.0, 5.0])
 def test_what_is_far_from_all_that_a_sensor_gives_is_lost(lsb):
     y = counts(WHITE, lsb) + 12.0 if lsb else WHITE + 12.0

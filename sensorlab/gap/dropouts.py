@@ -24,6 +24,7 @@ CODES = 100.0      # counts from all others, where these are coarser than the no
 NEAR = 0.5         # of the white noise, to values that the sensor may as well give
 BESIDE = 0.1       # of it: as near there are others, too, or it is a dead zone
 SEVERAL = 4.0      # times as often as chance: a code of a converter may be wider
+CLOSER = 0.9       # of the median distance of values: between two codes, to both
 ALMOST_NEVER = 1e-9    # is a value in double precision met again
 
 
@@ -37,9 +38,10 @@ def dropouts(y):
         most = times.argmax()
         between = times[1:-1].argmax() + 1 if len(times) > 2 else most
         tried = [values[0], values[-1], 0.0, values[most], values[between]]
-        odd = np.where(_is_no_code(values - values[most], lattice(y)), times, 0)
+        lsb, code = _codes_beside(_between_codes(values, times), y, values, times)
+        odd = np.where(_is_no_code(values - code, lsb), times, 0)
         if odd.max() > SEVERAL * (odd.sum() - odd.max()):
-            tried.append(values[odd.argmax()])
+            tried.insert(0, values[odd.argmax()])    # beside it, codes seem odd
         for value in tried:
             own = y == value
             if own.mean() < MOST and (_is_alien(value, y[~own & ~np.isnan(y)], own)
@@ -51,6 +53,29 @@ def dropouts(y):
 def less_dropouts(y):
     """A record without its dropouts, which are NaN."""
     return np.where(dropouts(y).own, np.nan, y)
+
+
+def _between_codes(values, times):
+    """Number of that value of a record which is met most of those that lie nearer to
+    both neighbours than values do; None if none is met often.
+    """
+    step = np.diff(values)
+    closer = step < CLOSER * np.median(step) if len(step) > 1 else np.zeros(0, bool)
+    near = np.flatnonzero(closer[1:] & closer[:-1]) + 1
+    often = near[times[near] >= FEWEST_RUNS]
+    return often[times[often].argmax()] if len(often) else None
+
+
+def _codes_beside(constant, y, values, times):
+    """Spacing of the codes of a record and that which is met most, without what may be
+    a constant, by its number: few codes seem to have no spacing, or a finer one.
+    """
+    lsb = lattice(y)
+    if constant is not None:
+        times = times.copy()
+        times[constant] = 0
+        lsb = max(lsb, lattice(y[y != values[constant]]))
+    return lsb, values[times.argmax()]
 
 
 def _is_no_code(away, lsb):

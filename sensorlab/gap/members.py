@@ -241,11 +241,11 @@ class Member(NamedTuple):
         and no number without.
         """
         models = [one for one in self.in_turn if one.effect.model]
-        for one, before, after in zip(models, self.at_mean, self.at_mean[1:]):
-            if one.acts_on_all and self.moves_a_level:
-                first = len(before.m0)
-                return one, np.arange(first, max(len(after.m0) - 1, first + 1))
-        return None, np.zeros(0, int)
+        at = next((k for k, one in enumerate(models) if one.acts_on_all), None)
+        if at is None or not self.moves_a_level:
+            return None, np.zeros(0, int)
+        before, after = (len(filt.m0) for filt in self.at_mean[at:at + 2])
+        return models[at], np.arange(before, max(after - 1, before + 1))
 
     @property
     def steps(self):

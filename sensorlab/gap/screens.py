@@ -60,8 +60,10 @@ def room_of_noise(h, theta):
     """How many times as strong, at least and at most, as at theta (p,) the ranges of a
     hypothesis let its white noise be.
     """
-    return next(((p.low / value, p.high / value) for (_, symbol), p, value in zip(
-        h.keys, h.parameters, theta) if symbol == "sigma_v" and value > 0.0), (1.0, 1.0))
+    for (_, symbol), p, value in zip(h.keys, h.parameters, theta):
+        if symbol == "sigma_v" and value > 0.0:
+            return p.low / value, p.high / value
+    return 1.0, 1.0
 
 
 def noise_with(h, one, z, room):
