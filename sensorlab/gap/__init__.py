@@ -40,11 +40,12 @@ Notation
     z            normal scores of a record, N(0, 1) and white if all is well
 
 The files read in the order of the argument; each takes only from those before it:
-costs, effects, members, draws, shapes, processes, values, steep, integrated, repeats,
-interpolated, resampled, dropouts, catalogue, own, kernels, lowpass, parts, linear,
-filters, backward, evidence, changes, joint, screens, spectra, signatures, onsets,
-scans, tuning, codes, clipping, unaveraged, averages, readings, standins, scales,
-guesses, account, implied, directed, rival, wrong, inside, sought, weighing, causes,
-refits, pairs, probes, places, distance, closure, drift, twins, flexible, search,
-remainder, verdict, known, diagnosis, augmented, blackbox, sizes, words, report, curves.
+costs, effects, members, shapes, processes, values, steep, integrated, repeats,
+interpolated, resampled, dropouts, catalogue, own, kernels, lowpass, draws, parts,
+linear, filters, backward, evidence, changes, joint, screens, spectra, signatures,
+onsets, scans, tuning, codes, clipping, unaveraged, averages, readings, standins,
+scales, guesses, account, implied, directed, rival, wrong, inside, sought, weighing,
+causes, refits, pairs, probes, places, distance, closure, drift, twins, flexible,
+search, remainder, verdict, known, diagnosis, augmented, blackbox, sizes, words, report,
+curves.
 """

@@ -86,10 +86,7 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, rise, r, outlier, j
             for g in range(of_age):
                 f[g] = noise[g]
             turn_covariance(parts, pair, P)
-            for s in range(n):
-                for t in range(s + 1):
-                    for g in range(lanes):
-                        P[s, t, g] += step[g] * along[s, g] * along[t, g]
+            _step(step, along, P_of)
             observe_covariance(parts, pair, h, P, Ph, f)
             turn(parts, pair, x)
             observe_state(h, x, nu)
@@ -137,6 +134,18 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, rise, r, outlier, j
                     out[record[g], node[g], row, i] = told[row, g]
         for g in range(number):
             total[record[g], node[g]] = -log_f[g]
+
+
+@njit(**INSIDE)
+def _step(variance, along, P):
+    """The covariance (n, n, ages, lanes) of the youngest age with that of a step, by
+    which the states move `along` (n, lanes).
+    """
+    n, lanes = along.shape
+    for s in range(n):
+        for t in range(s + 1):
+            for g in range(lanes):
+                P[s, t, 0, g] += variance[g] * along[s, g] * along[t, g]
 
 
 @njit(**INSIDE)
