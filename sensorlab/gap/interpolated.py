@@ -206,11 +206,24 @@ def _exactly(bend, reach):
     return start[own], length[own]
 
 
+def _rounded(bend, reach):
+    """The same where lines were rounded: if there are far more than by chance, as noise
+    is about them, else those that go on for longer.
+    """
+    start, length = runs(bend <= reach)
+    about = np.minimum(*beside(bend, start, length, np.inf))
+    by_chance = np.where(np.isfinite(about), 2.0 * AHEAD / np.pi * reach / about, 1.0)
+    by_chance = np.maximum(by_chance, _of_one_size(bend, reach) / len(bend))
+    own = by_chance < SELDOM
+    if own.any() and np.median(by_chance[own]) * len(bend) > SELDOM * length[own].sum():
+        own &= length >= more_than_chance(by_chance, len(bend))
+    return start[own], length[own]
+
+
 def _of_slopes_of_their_own(step):
-    """Function of bends and their reach that gives those of the same that go on for
-    longer than by chance, and whose slope no other of the steps (N - 1,) has: of a
-    record on a lattice many samples lie on lines by chance, but on steps that come
-    again. Where there are such lines, some have equal ends.
+    """`_rounded` of lines, whatever they are on, whose slope no other of the steps
+    (N - 1,) has: in a record of counts many samples lie on lines by chance, but on
+    steps that come again. Where there are such lines, some have equal ends.
     """
     def found(bend, reach):
         start, length = _rounded(bend, reach)
@@ -227,20 +240,6 @@ def _of_slopes_of_their_own(step):
         return (np.append(start[own], level[flat] + 1),
                 np.append(length[own], ties[flat] - 1))
     return found
-
-
-def _rounded(bend, reach):
-    """The same where lines were rounded: if there are far more than by chance, as noise
-    is about them, else those that go on for longer.
-    """
-    start, length = runs(bend <= reach)
-    about = np.minimum(*beside(bend, start, length, np.inf))
-    by_chance = np.where(np.isfinite(about), 2.0 * AHEAD / np.pi * reach / about, 1.0)
-    by_chance = np.maximum(by_chance, _of_one_size(bend, reach) / len(bend))
-    own = by_chance < SELDOM
-    if own.any() and np.median(by_chance[own]) * len(bend) > SELDOM * length[own].sum():
-        own &= length >= more_than_chance(by_chance, len(bend))
-    return start[own], length[own]
 
 
 def _of_one_size(bend, reach):
