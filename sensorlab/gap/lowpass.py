@@ -10,7 +10,7 @@ from scipy.signal import lfilter, ss2tf
 
 from sensorlab.gap.effects import columns_of
 from sensorlab.gap.kernels.adjoint import Shock
-from sensorlab.gap.processes import digital
+from sensorlab.gap.processes import digital, moved_by_level
 
 ALTERED = 0.05    # of the spread of a column, that a low-pass takes away from it
 
@@ -52,8 +52,8 @@ class LowPass(NamedTuple):
         """A step as it is, and one that passes, as a `Shock`: less where they come to
         rest, its states decay.
         """
-        A, B, C, _ = _states(self.variant, dt / self.tau)
-        rest = np.linalg.solve(np.eye(len(A)) - A, B[:, 0])
+        A, _, C, _ = _states(self.variant, dt / self.tau)
+        moved, = moved_by_level(self.variant, np.array([dt / self.tau]))
         m, n = 1 + len(A), len(A)
         turned = np.zeros((2, m))
         turned[0, 0], turned[0, 1:] = 1.0, np.diag(A)
@@ -62,7 +62,7 @@ class LowPass(NamedTuple):
             pair[1:] = 2, 1
             turned[1, 1:] = A[0, 1], A[1, 0]
         return Shock(turned, pair, np.append(1.0, C), np.array([
-            np.eye(m)[0], np.append(1.0, -A @ rest)]))
+            np.eye(m)[0], np.append(1.0, moved)]))
 
 
 def _states(variant, cut_off):

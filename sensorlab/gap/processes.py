@@ -267,7 +267,8 @@ def moved_by_level(variant, cut_off):
     """
     filt = digital(variant, cut_off[:, None])
     A, B = filt.Phi[:, 0, :-1, :-1], filt.Gamma[:, 0, :-1, 0]
-    return B - _solved(np.eye(A.shape[-1]) - A, B)
+    rest = _solved(np.eye(A.shape[-1]) - A, B)
+    return -(A @ rest[..., None])[..., 0]    # B - T
 
 
 def _of_second_order(K):
