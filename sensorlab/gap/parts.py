@@ -35,7 +35,7 @@ def processes(h, scene, theta):
 
 def _on_average(h, scene, theta):
     """`processes` of few nodes."""
-    b, change = bank_at(h, scene, theta)
+    b, change, _ = bank_at(h, scene, theta)
     if change:
         b = driven_bank(b, change, change.times.mean(1))
     own = modes_of(h, b)
@@ -43,8 +43,8 @@ def _on_average(h, scene, theta):
 
 
 def bank_at(h, scene, theta):
-    """`Bank` of a hypothesis at theta (M, p), its states driven evenly, and the
-    `Change` of those that are not, or None.
+    """`Bank` of a hypothesis at theta (M, p), its states driven evenly; the `Change` of
+    those that are not, or None; and which of the hypothesis's states (n,) it keeps.
     """
     even, evenly = h.evenly_driven(theta)
     b = bank(even, scene.dt, evenly)
@@ -53,7 +53,7 @@ def bank_at(h, scene, theta):
         momentary[:h.own_states] = False    # those of effects alone
     lean = _without_states(b, momentary)
     return _apart(lean, h.own_states), h.driven and _change(
-        h, scene, theta, b, momentary, lean)
+        h, scene, theta, b, momentary, lean), ~momentary
 
 
 def _momentary(b):
@@ -270,13 +270,11 @@ class Parts(NamedTuple):
 
 def parts_at(h, scene, theta):
     """`Parts` of a hypothesis at theta (M, p)."""
-    one = parts_of(h, *bank_at(h, scene, theta))
+    b, change, kept = bank_at(h, scene, theta)
+    one = parts_of(h, b, change)
     low_pass, states = h.low_pass_of_levels
     if low_pass:
-        even, evenly = h.evenly_driven(theta[:1])
-        momentary = _momentary(bank(even, scene.dt, evenly))
-        at = states - np.cumsum(momentary)[states]
-        one.own[10][:, at] = moved_by_level(
+        one.own[10][:, np.cumsum(kept)[states] - 1] = moved_by_level(
             low_pass.variant, scene.dt / h.value(theta, low_pass.key, "tau"))
     return one
 
