@@ -351,6 +351,20 @@ def test_a_wide_bandwidth_is_white_noise(sensor):
     assert white == pytest.approx(20.0 * DEG) and len(processes) == 1
 
 
+def test_outliers_before_a_low_pass_are_white_noise_before_it(sensor):
+    low_pass = dict(name="bandwidth", parameters=dict(tau=0.05), variant="digital")
+    knocks = dict(name="outliers", parameters=dict(rate=0.01, sigma=300.0),
+                  variant="before the low-pass")
+    white = dict(name="white_noise", parameters=dict(sigma_v=20.0))
+    louder = dict(name="white_noise", parameters=dict(sigma_v=np.hypot(20.0, 30.0)))
+    own = sensor(white | dict(effects=[low_pass, knocks]))
+    same = sensor(louder | dict(effects=[low_pass]))
+    m = np.array([1, 3, 10])
+    assert own.allan_variance(m) == pytest.approx(same.allan_variance(m))
+    assert any("outliers before the low-pass" in one for one in TARGETS["numpy"](
+        [own]).lost)
+
+
 def test_the_command_lists_every_target():
     assert options.TARGETS == tuple(TARGETS)
 

@@ -428,6 +428,30 @@ def test_steps_on_a_walk_are_close_to_the_sum_over_all_histories():
 
 @pytest.mark.parametrize("form", [
     "digital", large("digital first order"), large("exponential")])
+def test_outliers_pass_a_low_pass_as_the_sum_over_all_histories_does(form):
+    n, bias_sigma, sigma_v, tau, rate, sigma = 10, 0.05, 0.3, 1.0, 0.1, 4.0
+    L = through_low_pass(form, tau, 80)
+    noise = sigma_v**2 * (L @ L.T)[-n:, -n:] + bias_sigma**2
+    paths = np.array(list(itertools.product((0, 1), repeat=n)))
+    prior = (rate**paths * (1.0 - rate)**(1 - paths)).prod(1)
+    laws = [multivariate_normal(cov=noise + sigma**2 * (L[:n, :n] * path) @ L[:n, :n].T)
+            for path in paths]
+    h = sensorid.hypothesis("white_noise", sigma_v=sigma_v, bias_sigma=bias_sigma)
+    theta, errors, gains = np.array([[sigma_v, tau, rate, sigma]]), [], []
+    rng = np.random.default_rng(4)
+    for k in rng.choice(len(paths), 40, p=prior):
+        y = laws[k].rvs(random_state=rng)
+        own = member(Scene(y, DT, {}), h).with_effect(
+            CATALOGUE["bandwidth"], form).with_effect(
+            CATALOGUE["outliers"], "before the low-pass")
+        exact = np.log(prior @ [law.pdf(y) for law in laws])
+        errors.append(filters.log_likelihoods(own, own.scene, (), theta)[0] - exact)
+        gains.append(exact - laws[0].logpdf(y))    # the first has none
+    assert abs(np.mean(errors)) < 0.2 and np.std(errors) < 0.5 < np.mean(gains)
+
+
+@pytest.mark.parametrize("form", [
+    "digital", large("digital first order"), large("exponential")])
 @pytest.mark.parametrize("effect", ["random_telegraph", "random_steps"])
 def test_a_level_passes_a_low_pass_as_the_sum_over_all_histories_does(form, effect):
     n, bias_sigma, sigma_v, tau, dwell, size = 10, 0.05, 0.3, 1.0, 5.0, 2.0

@@ -209,6 +209,27 @@ def test_a_telegraph_is_found_before_a_low_pass(lsb):
     assert sensorlab.diagnose(drawn, 1.0, sensorlab.augmented(d)).verdict == "none"
 
 
+@pytest.mark.parametrize("low_pass", [
+    thorough(signal.butter(2, 0.3)), large(([0.6], [1.0, -0.4]))], ids=["2", "1"])
+def test_outliers_are_found_before_a_low_pass(low_pass):
+    """Each is as long as a low-pass makes it: neither a burst nor a step."""
+    rng = np.random.default_rng(3)
+    noise, size = rng.standard_normal((2, 3100)), 15.0 * rng.standard_normal(3100)
+    at = rng.random(3100) < 0.005
+    theirs, y = (signal.lfilter(*low_pass, u)[100:] for u in (
+        noise[0], noise[1] + size * at))
+    d = sensorlab.diagnose(y, 1.0, sensorlab.simulator_from(theirs[None], 1.0))
+    assert d.verdict == "outliers" and d.found[0].variant == "before the low-pass"
+    mean, sd = d.found[0].values["sigma"]
+    known = 15.0 / np.sqrt(2.0 * at[100:].sum())    # were they seen without noise
+    assert abs(mean - 15.0) < 3.0 * sd < 4.5 * known
+    model = sensorlab.augmented(d)
+    drawn = sensorlab.simulate_effects(
+        model, Scene(np.zeros(3000), 1.0, {}), seed=1).error[0]
+    assert sensorlab.diagnose(drawn, 1.0, model).verdict == "none"
+    assert np.abs(drawn).max() > 6.0 * np.median(np.abs(drawn))
+
+
 def log_density(scene, low_pass, noise):
     """Of a record, by a dense matrix: noise of a covariance (N + 1000, N + 1000) that
     passes, a bias, and what digits leave out.

@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import ShapingFilter, model_allan_variance
+from sensorlab.gap.catalogue import CATALOGUE
 from sensorlab.gap.effects import Jumps, Scene
 from sensorlab.gap.members import Simulator, members
-from sensorlab.gap.processes import beside, join
+from sensorlab.gap.processes import BEFORE_LOW_PASS, beside, join, shot_noise
 from sensorlab.units import SI, factor, kind_of
 
 
@@ -115,6 +116,9 @@ def axis(model, unit=None, duration=3600.0):
     ((h, effects),) = model.simulator.pairs
     (member,) = members(Simulator((h,), (tuple(
         one for one in effects if not one.column),)), scene)
+    member = member._replace(effects=tuple(
+        one._replace(effect=SHOT_NOISE) if one.variant == BEFORE_LOW_PASS else one
+        for one in member.effects))
     theta = np.array([p.mean for p in member.parameters])
     jumps = Jumps(*(float(part[0]) for part in member.jumps(theta[None])))
     readings = {symbol: value for one in effects if one.name in READ
@@ -129,6 +133,7 @@ def axis(model, unit=None, duration=3600.0):
         (*_strange(effects), *_ranges(member)))
 
 
+SHOT_NOISE = CATALOGUE["outliers"]._replace(model=shot_noise, jumps=None)
 READ = "quantization", "saturation"    # of all readings, what programs know
 
 
@@ -153,5 +158,8 @@ def _strange(effects):
             yield f"{one.name} is left out: {one.effect.equation}"
         elif one.effect.drive:
             yield f"{one.name}: where it is loudest counts for the whole"
+        elif one.variant == BEFORE_LOW_PASS:
+            yield (f"{one.name} {one.variant}: white noise of the same variance stands "
+                   "for them")
         elif one.effect.reading and one.name not in READ:
             yield f"{one.name} is left out"

@@ -183,6 +183,7 @@ MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no va
 
 CHANGES = "after the onset", processes.BEFORE
 RAMPS = "as simulated in the middle", processes.AT_FIRST, processes.AT_LAST
+OUTLIERS = "", processes.BEFORE_LOW_PASS
 VALUES = "value", processes.LEAST, processes.MOST
 
 
@@ -417,14 +418,16 @@ CATALOGUE = {effect.name: effect for effect in (
                     "becomes ratio times as strong from t = onset on; onset in s",
            resembles="random telegraph, bias step, correlated noise",
            experiment="look for what was switched on at the onset; record longer"),
-    Effect("outliers", jumps=processes.outliers,
+    Effect("outliers", jumps=processes.outliers, model=processes.shot, elementwise=True,
+           variants=OUTLIERS, alike=OUTLIERS, before=OUTLIERS[1:],
            parameters=lambda s: (_log("rate", 1.0 / len(s.y), 0.1),
                                  _log("sigma", 2.0 * s.white,
                                       max(300.0 * s.white, 3.0 * s.leap))),
-           equation="y + N(0, sigma^2) with the probability rate in every sample; "
-                    "sigma in u",
+           equation="y + N(0, sigma^2) with the probability rate in every sample, or "
+                    "the same before a digital low-pass that all passes; sigma in u",
            resembles="noise step, random telegraph",
-           experiment="log the raw bus: are they transmission errors?"),
+           experiment="log the raw bus: are they transmission errors? Those before a "
+                      "low-pass are not: look for knocks"),
     Effect("noise_bursts", jumps=processes.noise_bursts,
            parameters=lambda s: (
                _log("quiet", MIN_BURST * s.dt, s.duration / 4.0),

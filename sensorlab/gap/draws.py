@@ -61,23 +61,24 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
 
 
 def add_jumps(y, jumps, rng, low_pass=None, dt=1.0):
-    """Outliers, levels, bursts of noise and steps added to y in place; levels and steps
-    pass a `LowPass`.
+    """Outliers, levels, bursts of noise and steps added to y in place; levels, steps,
+    and outliers before it, pass a `LowPass`.
     """
-    level = np.zeros(len(y))
+    level = np.zeros(len(y) + 1)    # it begins at rest
     if jumps.rate > 0.0:
         at = rng.random(len(y)) < jumps.rate
         y[at] += np.sqrt(jumps.variance) * rng.standard_normal(at.sum())
     if jumps.half > 0.0:
         change = rng.random(len(y)) < jumps.begin
         second = (rng.integers(2) + np.cumsum(change)) % 2
-        level += jumps.half * (2.0 * second - 1.0)
+        level[1:] += jumps.half * (2.0 * second - 1.0)
+        level[0] = level[1]
     if jumps.step > 0.0:
         at = np.flatnonzero(rng.random(len(y)) < jumps.begin)
         size = np.zeros(len(y))
         size[at] = np.sqrt(jumps.step) * rng.standard_normal(len(at))
-        level += np.cumsum(size)
-    y += low_pass.passed(level[:, None], dt)[:, 0] if low_pass else level
+        level[1:] += size if jumps.once else np.cumsum(size)
+    y += (low_pass.passed(level[:, None], dt)[:, 0] if low_pass else level)[1:]
     if jumps.louder > 0.0:
         for part in _bursts(len(y), jumps, rng):
             y[part] += np.sqrt(jumps.louder) * rng.standard_normal(len(y[part]))

@@ -87,6 +87,7 @@ class Jumps(NamedTuple):
     half: np.ndarray = 0.0        # half the distance of the two levels, u
     louder: np.ndarray = 0.0      # variance that the second adds to the noise, u^2
     step: np.ndarray = 0.0        # that it adds to the first state of the effects, u^2
+    once: np.ndarray = 0.0        # 1 if that state is 0 a sample later; 0 if it stays
 
     @property
     def share(self):
@@ -121,13 +122,15 @@ class Effect(NamedTuple):
     model: Callable = None      # (scene, filt, **parameters) -> ShapingFilter; it also
                                 # takes the variant, where there are variants, and x,
                                 # where it is relative to something
-    variants: tuple = ()        # forms of a model, or a reading; "" is the first
+    variants: tuple = ()        # forms of a model, jumps, or a reading; "" is the first
     of_all: tuple = ()          # pairs of one that acts on all processes, found before
                                 # or since, and of the same on the white noise alone
     alike: tuple = ()           # forms that are one a priori, as they are the same of
                                 # white noise
     uneven: tuple = ()          # pairs of a form and of that which stands in for it
                                 # where a noise changes
+    before: tuple = ()          # forms that pass a low-pass, and differ from others
+                                # only where there is one that acts on all processes
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
     comes_last: bool = False    # the model alters what all others make, as that of a
                                 # reading does; a reading, what others have read
@@ -138,7 +141,8 @@ class Effect(NamedTuple):
                                 # says the same
     of_white: bool = False      # these are the states of low-passed white noise; the
                                 # hypothesis's own, if not
-    jumps: Callable = None      # (dt, **parameters) -> Jumps
+    jumps: Callable = None      # (dt, **parameters) -> Jumps; also takes the variant,
+                                # where there are variants
     reading: Callable = None    # (scene, y, **values) alters values y (..., N) in place
     factor: float = 0.0         # by which a parameter of the simulator may be wrong, or
                                 # all standard deviations

@@ -51,16 +51,25 @@ def _is_plain(h, y):
 
 def _through_mixtures(h, own, H, theta, y, out):
     jumps = h.jumps(theta)
-    own, H, moved = _with_one_level(own, H, h.own_states if jumps.step.any() else None)
+    own, H = _with_one_level(own, H)
     return mixture_filters(
         y, H, own.own, own.pair, own.rise, own.r, np.column_stack(jumps[:2]),
-        np.column_stack(jumps[2:]), out, moved or 0)
+        np.column_stack([*jumps[2:-1], _felt(h, theta) * jumps.once]), out)
 
 
-def _with_one_level(own, H, moved):
-    """The same filter with one state for all levels that only their noise moves, as a
-    bias and a random walk, and without states that are nothing; where the state `moved`
-    is then, if there is one.
+FELT = 4.0    # time constants of a low-pass for which an outlier before it is seen
+
+
+def _felt(h, theta):
+    """Samples (M,) for which an outlier before a low-pass is felt behind it."""
+    low_pass, _ = h.low_pass_of_levels
+    return 1.0 + (FELT / h.scene.dt * h.value(theta, low_pass.key, "tau")
+                  if low_pass else np.zeros(len(theta)))
+
+
+def _with_one_level(own, H):
+    """The same filter with one state for all levels that only their noise moves, or a
+    jump, as a bias and a random walk, and without states that are nothing.
 
     Records tell the sum of these levels. How far each of them is in it, as paths are
     merged, would be ever less known, till rounding hides what is known of the sum.
@@ -70,17 +79,14 @@ def _with_one_level(own, H, moved):
     level = np.flatnonzero(alone & (own.own[0] == 1.0).all(0) & (H == 1.0).all(0))
     left = ~alone | own.own[2:].any((0, 1))
     left[0] |= not left.any()
-    if moved is not None:
-        left[moved] = True
     one = own.own.copy()
     if len(level):
         one[2:, :, level[0]] = one[2:][:, :, level].sum(-1)
         left[level[1:]], left[level[0]] = False, True
-        moved = level[0] if moved in level else moved
     number = np.cumsum(left) - 1
     return own._replace(
         own=np.ascontiguousarray(one[:, :, left]), pair=number[own.pair[left]]
-    ), np.ascontiguousarray(H[:, left]), None if moved is None else int(number[moved])
+    ), np.ascontiguousarray(H[:, left])
 
 
 def predict(h, scene, signatures, theta, y=None, whole=True, known=None):

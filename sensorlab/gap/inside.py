@@ -77,10 +77,10 @@ class Inside(_Where):
             scene, start = self.start(effect)
             every = different((
                 (column, variant), [h.with_effect(effect, variant, column)
-                                    for h in after])
-                for after in _after_low_passes(effect, start)
+                                    for h in hypotheses])
+                for hypotheses, forms in _about_low_passes(effect, start)
                 for column in columns_for(effect, scene)
-                for variant in effect.variants or ("",))
+                for variant in forms)
             self._known[effect.name] = [(form, *self._told(
                 effect, scene, start, richer)) for form, richer in every]
         return self._known[effect.name]
@@ -126,16 +126,23 @@ class Inside(_Where):
         return result
 
 
-def _after_low_passes(effect, acc):
-    """Lists of hypotheses of an account to which a process, or a level, may be added:
-    it passes a low-pass that all passes, or one that was found is of the white noise
-    alone and the process is behind it.
+def _about_low_passes(effect, acc):
+    """Lists of hypotheses of an account to which an effect may be added, each with the
+    forms in which it may be. A process, or a level, passes a low-pass that all passes,
+    or one that was found is of the white noise alone and it is behind that. What is
+    added before one passes one that is said to be of the white noise alone, too, where
+    that is the same.
     """
-    yield acc.hypotheses
+    forms = acc.member.forms(effect)
+    yield acc.hypotheses, forms
     passes = acc.member.without_jumps.with_effect(effect).moves_a_level if (
         effect.jumps) else effect.model and not effect.reading
     if passes and any(one.acts_on_all for one in acc.member.effects):
-        yield [h.behind_low_passes(base) for h, base in zip(acc.hypotheses, acc.bases)]
+        yield [h.behind_low_passes(base) for h, base in zip(
+            acc.hypotheses, acc.bases)], forms
+    if effect.before:
+        before = [h.with_low_passes_of_all for h in acc.hypotheses]
+        yield before, [form for form in before[0].forms(effect) if form not in forms]
 
 
 def told_inside(inside, effects, processes=True):

@@ -53,7 +53,7 @@ class LowPass(NamedTuple):
         rest, its states decay.
         """
         A, _, C, _ = _states(self.variant, dt / self.tau)
-        moved, = moved_by_level(self.variant, np.array([dt / self.tau]))
+        (moved,), _ = moved_by_level(self.variant, np.array([dt / self.tau]))
         m, n = 1 + len(A), len(A)
         turned = np.zeros((2, m))
         turned[0, 0], turned[0, 1:] = 1.0, np.diag(A)

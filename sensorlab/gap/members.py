@@ -113,7 +113,7 @@ class Member(NamedTuple):
         return stages
 
     def _form(self, one):
-        """What a model takes beside the parameters of an effect."""
+        """What a model, or jumps, take beside the parameters of an effect."""
         return dict(**dict(variant=one.variant) if one.effect.variants else {},
                     **dict(x=self.scene.along(one.column)) if one.effect.relative_to
                     else {})
@@ -210,7 +210,7 @@ class Member(NamedTuple):
         """`Jumps` at theta (M, p), each part (M,)."""
         theta = self.in_units(theta)
         parts = [Jumps(*np.zeros((len(Jumps._fields), len(theta)))), *(
-            one.effect.jumps(self.scene.dt, **self.of(one, theta))
+            one.effect.jumps(self.scene.dt, **self._form(one), **self.of(one, theta))
             for one in self.effects if one.effect.jumps)]
         return Jumps(*(sum(part) for part in zip(*parts)))
 
@@ -249,12 +249,28 @@ class Member(NamedTuple):
 
     @property
     def steps(self):
-        """Does a level move at random?"""
+        """Does a level move at random, and stay?"""
+        return any(one.step > 0.0 and not one.once for one in self._mean_jumps())
+
+    @property
+    def moves_a_state(self):
+        """Is there a state that nothing but jumps moves, the first of the effects'?"""
         return any(one.step > 0.0 for one in self._mean_jumps())
+
+    @property
+    def moves_once(self):
+        """Does what moves the value not stay?"""
+        return any(one.once for one in self._mean_jumps())
+
+    def forms(self, effect):
+        """The forms of an effect that differ here; "" if it has but one."""
+        passes = any(one.acts_on_all for one in self.effects)
+        return [form for form in effect.variants or ("",)
+                if passes or form not in effect.before]
 
     def _mean_jumps(self):
         """`Jumps` of each effect that has them, at the middle of its parameters."""
-        return [one.effect.jumps(self.scene.dt, **{
+        return [one.effect.jumps(self.scene.dt, **self._form(one), **{
             symbol: p.mean for symbol, p in one.values.items()})
             for one in self.effects if one.effect.jumps]
 
@@ -312,6 +328,16 @@ class Member(NamedTuple):
             one._replace(variant=dict(one.effect.of_all)[one.variant])
             if one.acts_on_all and one.key not in known else one
             for one in self.effects))
+
+    @property
+    def with_low_passes_of_all(self):
+        """The same with what acts on the white noise alone acting on all processes, if
+        that is the same of white noise.
+        """
+        return self._replace(effects=with_even_forms(
+            one._replace(variant=next((every for every, white in one.effect.of_all
+                                       if white == one.variant in one.effect.alike),
+                                      one.variant)) for one in self.effects))
 
     def matching(self, other, theta):
         """Parameters (p,) of another member that are those of this one at theta, or

@@ -259,7 +259,7 @@ class Parts(NamedTuple):
                         # of the other, both of the states at first, what is added to
                         # those of the noises, `rise` times, and what is, as many times
                         # as that is more than before; by how much a level that changes
-                        # moves it, a unit
+                        # moves it, a unit, as one that steps does its own state
     pair: np.ndarray    # (n,) number of the other state, or its own
     h: np.ndarray       # (n,) what observes the states
     r: np.ndarray       # (M, 1 or N) variance of the white noise
@@ -271,11 +271,14 @@ class Parts(NamedTuple):
 def parts_at(h, scene, theta):
     """`Parts` of a hypothesis at theta (M, p)."""
     b, change, kept = bank_at(h, scene, theta)
-    one = parts_of(h, b, change)
+    one, at, seen = parts_of(h, b, change), np.cumsum(kept) - 1, np.ones(len(theta))
     low_pass, states = h.low_pass_of_levels
     if low_pass:
-        one.own[10][:, np.cumsum(kept)[states] - 1] = moved_by_level(
-            low_pass.variant, scene.dt / h.value(theta, low_pass.key, "tau"))
+        one.own[10][:, at[states]], seen = moved_by_level(
+            low_pass.variant, scene.dt / h.value(theta, low_pass.key, "tau"),
+            h.moves_once)
+    if h.moves_a_state:
+        one.own[10][:, at[h.own_states]] = seen
     return one
 
 

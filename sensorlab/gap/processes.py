@@ -260,15 +260,19 @@ def digital(variant, cut_off):
     return _of_first_order(K) if "first order" in variant else _of_second_order(K)
 
 
-def moved_by_level(variant, cut_off):
+def moved_by_level(variant, cut_off, once=False):
     """By how much the states of a `digital` low-pass, but its noise, move where a level
-    that passes it does, a unit, (M, m), cut-offs (M,): less where they rest, with T of
-    `_through` at f = 1, s - T u <- A (s - T u) + (B - T) (u less what it was before).
+    that passes it does, a unit, (M, m), and what is seen of the level itself (M,), at
+    cut-offs (M,): less where they rest, with T of `_through` at f = 1, s - T u <-
+    A (s - T u) + (B - T) (u less what it was before); if it is there but `once`, f and
+    T are 0.
     """
     filt = digital(variant, cut_off[:, None])
     A, B = filt.Phi[:, 0, :-1, :-1], filt.Gamma[:, 0, :-1, 0]
+    if once:
+        return B, filt.Gamma[:, 0, -1, 0]
     rest = _solved(np.eye(A.shape[-1]) - A, B)
-    return -(A @ rest[..., None])[..., 0]    # B - T
+    return -(A @ rest[..., None])[..., 0], np.ones(len(cut_off))    # B - T, D + C T
 
 
 def _of_second_order(K):
@@ -355,6 +359,19 @@ def level(scene, filt, dwell, sigma):
     return join(filt, (1.0, 0.0 * sigma, 0.0))
 
 
+BEFORE_LOW_PASS = "before the low-pass"    # a form of outliers
+
+
+def shot(scene, filt, rate, sigma, variant=""):
+    """What is 0 but where outliers are that pass a low-pass."""
+    return join(filt, (0.0, 0.0 * sigma, 0.0)) if variant == BEFORE_LOW_PASS else filt
+
+
+def shot_noise(scene, filt, rate, sigma, variant):
+    """White noise of the variance that these outliers have."""
+    return beside(filt, [0.0 * rate], [np.sqrt(rate) * sigma])
+
+
 BEFORE = "before the onset"    # a form of a change of noise, which has settled since
 
 
@@ -422,7 +439,9 @@ def rounding_of_integral(scene, filt, lsb):
 
 # ---- jumps: (dt, **parameters) gives `Jumps`
 
-def outliers(dt, rate, sigma):
+def outliers(dt, rate, sigma, variant=""):
+    if variant == BEFORE_LOW_PASS:
+        return Jumps(begin=rate, end=1.0 - rate, step=sigma**2, once=1.0)
     return Jumps(rate=rate, variance=sigma**2)
 
 

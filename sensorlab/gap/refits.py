@@ -102,7 +102,7 @@ def in_best_forms(full, acc, found):
         own = _inside(acc, found, number)
         forms = [(hypotheses, signatures) for form, hypotheses in different(
             (form, [h.with_form(own.key, form) for h in acc.hypotheses])
-            for form in (own.variant, *own.effect.variants))
+            for form in (own.variant, *acc.member.forms(own.effect)))
             for signatures in _before_or_after(acc, hypotheses, scene)]
         if len(forms) < 2:
             continue

@@ -46,9 +46,9 @@ def _louder(share):
 
 
 def gaussian(scene, acc):
-    """Scene and hypotheses without jumps: sure outliers are masked, a level of two
-    values becomes the Markov process of its covariance, steps become a walk, bursts a
-    variance at their times.
+    """Scene and hypotheses without jumps: what sure outliers move is masked, a level of
+    two values becomes the Markov process of its covariance, steps become a walk, bursts
+    a variance at their times.
     """
     return _gaussian(scene, acc, _seen(scene, acc)) if acc.member.has_jumps else (
         scene, acc.hypotheses)
@@ -69,7 +69,7 @@ def _gaussian(scene, acc, seen):
         if own.half[0] > 0.0:
             effects += (Found(LEVEL_AS_NOISE, values=fixed(change=own.begin[0],
                                                            half=own.half[0])),)
-        if own.step[0] > 0.0:
+        if own.step[0] > 0.0 and not own.once[0]:
             effects += (Found(STEPS_AS_WALK, values=fixed(sigma_w=own.sigma_w[0])),)
         if louder:
             effects += (Found(louder, values=fixed(variance=own.louder[0])),)
@@ -103,7 +103,7 @@ def stand_ins(scene, acc):
         return [(scene, acc.hypotheses)], (scene, acc.hypotheses)
     seen, jumps = _seen(scene, acc), acc.member.jumps(acc.theta[None])
     plain, hypotheses = _gaussian(scene, acc, seen)
-    together = _with_clusters(scene, plain, jumps.rate[0])
+    together = plain if jumps.once[0] else _with_clusters(scene, plain, jumps.rate[0])
     level = _level(seen, jumps, low_pass_of(acc.member, acc.theta), scene.dt
                    ) if jumps.half[0] else None
     if level is None:

@@ -126,7 +126,7 @@ def form_of(bases, key):
 def _forms(bases, key):
     """The form of an effect that a simulator has, then all others."""
     own = form_of(bases, key)
-    others = next((one.effect.variants for base in bases for one in base.effects
+    others = next((base.forms(one.effect) for base in bases for one in base.effects
                    if one.key == key), ())
     return (own, *(form for form in others if form != own))
 

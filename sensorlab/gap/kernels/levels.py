@@ -62,7 +62,7 @@ def filter_levels(first, last, states, y, H, own, r, jump, second, out, total):
                 for level in range(2):
                     node[(5 * n + level * n * n + s * n + s) * LANES + g] = own[
                         4, at[g], s]
-            starts, ends, half, louder, _ = jump[at[g]]
+            starts, ends, half, louder, _, _ = jump[at[g]]
             begins = second[record[g], at[g]]
             law = (1.0 - starts, ends, starts, 1.0 - ends, -half, half, 0.0, louder,
                    1.0 - begins, begins)

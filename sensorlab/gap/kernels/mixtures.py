@@ -26,16 +26,15 @@ SURE_NATS = 30.0    # by which one of the two is the likelier there
 AT_ONCE = 4 * 10**5    # samples of records of which everything is told at once
 
 
-def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out, moved=0):
+def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out):
     """Log-likelihoods (R, M) of records under filters with outliers and two levels, or
     a level that steps.
 
     y (R, N); H (N, n) observes n states; own (11, M, n), pair (n,), rise (M or 0, N)
     and r (M, 1 or N) are the parts of `parts.Parts`; outlier (M, 2) = rate,
-    variance; jump (M, 5) = probabilities that the second level begins and that it ends,
-    half the distance of the levels, variance that the second adds to the noise, and
-    that of a step, which then begins, of the state number `moved` (the last three 0:
-    one level). out (R, K, 0, 2 or 5, N) gets of every sample, by the first K nodes, the
+    variance; jump (M, 6) = probabilities that the second level begins and that it ends,
+    half the distance of the levels, variance that the second adds to the noise, that of
+    a step, which then begins (the last three 0: one level), and for how many samples one is an outlier, not a step. out (R, K, 0, 2 or 5, N) gets of every sample, by the first K nodes, the
     predictive probabilities below and above it, that of its being an outlier, its log
     density and the probability of the second level, or of a recent step; where nothing
     jumps, its normal score in place of the first.
@@ -47,7 +46,7 @@ def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out, moved=0):
     and one record begins at either: two filters, which are never merged. Of steps, see
     `steps`.
     """
-    parts = H, own, pair, rise, r, outlier, jump, moved
+    parts = H, own, pair, rise, r, outlier, jump
     total = _mixed(y, *parts, out)
     if not outlier[:, 0].any():
         return total
@@ -122,10 +121,10 @@ def _weigh_first(away, beside, share, odd, out):
     out[odd] = told
 
 
-def _mixed(y, H, own, pair, rise, r, outlier, jump, moved, out):
+def _mixed(y, H, own, pair, rise, r, outlier, jump, out):
     """`mixture_filters` but for a first sample that is an outlier."""
     second = jump[:, 0] / np.maximum(jump[:, 0] + jump[:, 1], 1e-300)
-    parts = H, own, pair, rise, r, outlier, jump, moved
+    parts = H, own, pair, rise, r, outlier, jump
     if not jump[:, 2].any():
         return _filtered(y, *parts, np.tile(second, (len(y), 1)), out)
     log_prior = np.log(np.column_stack([1.0 - second, second]))
@@ -204,12 +203,12 @@ def _from(begins, y, parts, out=None):
     """Log-likelihoods (R, B) at some nodes of records that begin at some level, for
     pairs of both; `out` as for `mixture_filters`, of these.
     """
-    H, own, pair, rise, r, outlier, jump, moved = parts
+    H, own, pair, rise, r, outlier, jump = parts
     node, level = np.transpose(begins)
     if out is None:
         out = np.empty((len(y), len(node), 0, y.shape[1]))
     return _filtered(y, H, own[:, node], pair, rise[node] if len(rise) else rise,
-                     r[node], outlier[node], jump[node], moved, np.tile(
+                     r[node], outlier[node], jump[node], np.tile(
                          level * 1.0, (len(y), 1)), out)
 
 
@@ -240,7 +239,7 @@ def _weigh_begins(told, log_odds, out):
                         out[r, k, row, i] = first * one[row] + second * other[row]
 
 
-def _filtered(y, H, own, pair, rise, r, outlier, jump, moved, second, out):
+def _filtered(y, H, own, pair, rise, r, outlier, jump, second, out):
     """`mixture_filters` of records that begin at the second level with these
     probabilities (R, M).
     """
@@ -253,7 +252,7 @@ def _filtered(y, H, own, pair, rise, r, outlier, jump, moved, second, out):
     if jump[:, 4].any():
         lanes = lanes_for(total.size, 2 * LANES)    # of every age
         in_threads(filter_steps, groups(total.size, lanes), lanes, kinds, y, H, own,
-                   pair, rise, r, outlier, jump, moved, out, total)
+                   pair, rise, r, outlier, jump, out, total)
     elif (levels, kinds) == (1, 2) and n <= UNROLLED_OUTLIERS and not len(
             rise) and not away:
         in_threads(filter_outliers, some, (0,) * n, y, H, own, r, outlier, out, total)

@@ -27,7 +27,7 @@ LEAST_SHARE = 1e-12    # of an age: what comes to it must be more than rounding
 
 @njit(**KERNEL)
 def filter_steps(first, last, lanes, kinds, y, H, own, pair, rise, r, outlier, jump,
-                 moved, out, total):
+                 out, total):
     """Groups of `mixtures.mixture_filters` of a level that steps at random, with
     outliers or without. Every age has lanes of its own, after those of the younger one.
     """
@@ -43,16 +43,18 @@ def filter_steps(first, last, lanes, kinds, y, H, own, pair, rise, r, outlier, j
             rate[g], wider[g] = outlier[at, 0], outlier[at, 1]
             begin[g % lanes], step[g % lanes] = jump[at, 0], jump[at, 4]
             for s in range(n):
-                along[s, g % lanes] = 1.0 if s == moved else own[10, at, s]
+                along[s, g % lanes] = own[10, at, s]
         parts, P = np.empty((6, n, of_age)), np.empty((n, n, of_age))
         load(own, pair, node, parts, P)
+        here, wild, less, power, gain, shrink = (
+            np.empty(of_age), np.zeros(of_age), np.empty(of_age), np.empty(of_age),
+            np.empty(of_age), np.empty(of_age))
+        for g in range(of_age):
+            wild[g] = 1.0 if 2**(g // lanes) <= jump[node[g], 5] else 0.0
         x, Ph, nu, f, noise = (np.zeros((n, of_age)), np.empty((n, of_age)),
                                np.empty(of_age), np.empty(of_age), np.empty(of_age))
         per_f, half, term = (np.empty((kinds, of_age)), np.empty((kinds, of_age)),
                              np.empty((kinds, of_age)))
-        here, wild, less, power, gain, shrink = (
-            np.empty(of_age), np.zeros(of_age), np.empty(of_age), np.empty(of_age),
-            np.empty(of_age), np.empty(of_age))
         bits, prior = power.view(np.int64), np.empty(by_age)
         weight = np.full(by_age, LEAST_SHARE)
         weight[-1] = 1.0
