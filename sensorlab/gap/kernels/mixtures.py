@@ -34,10 +34,12 @@ def mixture_filters(y, H, own, pair, rise, r, outlier, jump, out):
     and r (M, 1 or N) are the parts of `parts.Parts`; outlier (M, 2) = rate,
     variance; jump (M, 6) = probabilities that the second level begins and that it ends,
     half the distance of the levels, variance that the second adds to the noise, that of
-    a step, which then begins (the last three 0: one level), and for how many samples one is an outlier, not a step. out (R, K, 0, 2 or 5, N) gets of every sample, by the first K nodes, the
-    predictive probabilities below and above it, that of its being an outlier, its log
-    density and the probability of the second level, or of a recent step; where nothing
-    jumps, its normal score in place of the first.
+    a step, which then begins (the last three 0: one level), and for how many samples
+    one is felt that is an outlier, 0 if it stays. out (R, K, 0, 2 or 5, N) gets of
+    every sample, by the first K nodes, the predictive probabilities below and above it,
+    that of its being an outlier, its log density and the probability of the second
+    level, or of a recent step; where nothing jumps, its normal score in place of the
+    first.
 
     One Gaussian per level is kept: after each sample, the two that have led to a level
     are merged (generalized pseudo-Bayes of second order; Chang and Athans, "State
