@@ -192,8 +192,7 @@ def test_levels_that_only_noise_moves_are_one_state(base, name, known, monkeypat
     found = [linear.Signature(Found(CATALOGUE["sinusoid"]), np.cos(
         0.3 * scene.time)[:, None], 2.0)] * known
     one = filters.predict(h, scene, found, theta, y[None])
-    monkeypatch.setattr(filters, "_with_one_level", lambda own, H, moved: (
-        own, H, moved))
+    monkeypatch.setattr(filters, "_with_one_level", lambda own, H: (own, H))
     for part, other in zip(one, filters.predict(h, scene, found, theta, y[None])):
         assert_allclose(part, other, rtol=1e-6, atol=1e-9)
 
@@ -346,7 +345,7 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
     y = np.random.default_rng(2).standard_normal((2, 60))
     y[:, 20:25] = np.nan
     r, outlier = np.array([[0.3], [0.2]]), np.array([[0.05, 9.0]] * 2)
-    jump = np.array([[0.1, 0.2, 0.7, 0.4, 0.8]] * 2)
+    jump = np.array([[0.1, 0.2, 0.7, 0.4, 0.8, 0.0]] * 2)
     band = sensorid.shaping_filter(*np.array([
         [[0.6, -0.7], [0.7, 0.6]], [[0.5, 0.1], [0.0, 0.4]]]), [1.0, 0.0], 0.0, None,
         [[1.0, 0.2], [0.2, 0.8]])
@@ -359,9 +358,10 @@ def test_the_axes_of_a_process_of_two_states_do_not_matter():
         h = sensorid.hypothesis(lambda dt: join(turned, (0.9, 0.4, 1.0)), "turned")
         one = parts.parts_of(h, sensorid.bank(h, DT, np.empty((2, 0))))
         assert_array_equal(one.pair, [1, 0, 2])
+        one.own[10, :, 2] = 1.0    # it steps
         out = np.full((2, 2, 5, 60), np.nan)
         total = mixtures.mixture_filters(y, np.tile(one.h, (60, 1)), one.own, one.pair,
-                                        one.rise, r, outlier, jump, out, moved=2)
+                                        one.rise, r, outlier, jump, out)
         said.append((total, out, *adjoint.adjoint(
             np.nan_to_num(y), 1.0 - np.isnan(y[0]), one.h, one.own, one.pair, one.rise,
             r)))

@@ -183,7 +183,7 @@ MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no va
 
 CHANGES = "after the onset", processes.BEFORE
 RAMPS = "as simulated in the middle", processes.AT_FIRST, processes.AT_LAST
-OUTLIERS = "", processes.BEFORE_LOW_PASS
+ADDED = "", processes.BEFORE_LOW_PASS
 VALUES = "value", processes.LEAST, processes.MOST
 
 
@@ -419,7 +419,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="random telegraph, bias step, correlated noise",
            experiment="look for what was switched on at the onset; record longer"),
     Effect("outliers", jumps=processes.outliers, model=processes.shot, elementwise=True,
-           variants=OUTLIERS, alike=OUTLIERS, before=OUTLIERS[1:],
+           variants=ADDED, alike=ADDED, before=ADDED[1:],
            parameters=lambda s: (_log("rate", 1.0 / len(s.y), 0.1),
                                  _log("sigma", 2.0 * s.white,
                                       max(300.0 * s.white, 3.0 * s.leap))),
@@ -429,12 +429,14 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="log the raw bus: are they transmission errors? Those before a "
                       "low-pass are not: look for knocks"),
     Effect("noise_bursts", jumps=processes.noise_bursts,
+           variants=ADDED, alike=ADDED, before=ADDED[1:],
            parameters=lambda s: (
                _log("quiet", MIN_BURST * s.dt, s.duration / 4.0),
                _log("duration", MIN_BURST * s.dt, s.duration / 10.0),
                _log("sigma", 0.5 * s.white, max(30.0 * s.white, 3.0 * s.leap))),
-           equation="y + N(0, sigma^2) in every sample of a burst; bursts last for "
-                    "duration and are quiet apart on average, in s; sigma in u",
+           equation="y + N(0, sigma^2) in every sample of a burst, or the same before "
+                    "a digital low-pass; bursts last for duration and are quiet apart "
+                    "on average, in s; sigma in u",
            resembles="outliers in clusters, noise step, noise sensitivity",
            experiment="look for what runs at times: a fan, a motor, a radio"),
     Effect("random_telegraph", jumps=processes.telegraph,

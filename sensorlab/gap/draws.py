@@ -4,7 +4,7 @@ import numpy as np
 
 from sensorid import Parameter, as_hypotheses, simulate
 from sensorlab.gap.effects import Jumps, signature_of
-from sensorlab.gap.lowpass import low_pass_of
+from sensorlab.gap.lowpass import low_pass_of, low_pass_of_white
 from sensorlab.gap.members import Simulator, members
 
 
@@ -36,8 +36,10 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
         member, (_, effects) = inside[number], simulator.pairs[number]
         if member.has_jumps:
             theta = drawn.theta[trial, :len(member.parameters)]
+            low_pass = (low_pass_of_white if member.is_louder_before else low_pass_of)(
+                member, theta)
             add_jumps(y, Jumps(*(part[0] for part in member.jumps(theta[None]))), rng,
-                      low_pass_of(member, theta), scene.dt)
+                      low_pass, scene.dt)
         for one in effects:
             if one.effect.columns:
                 y += signature_of(scene, one, {
@@ -62,7 +64,7 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
 
 def add_jumps(y, jumps, rng, low_pass=None, dt=1.0):
     """Outliers, levels, bursts of noise and steps added to y in place; levels, steps,
-    and outliers before it, pass a `LowPass`.
+    and noise that is before it, pass a `LowPass`.
     """
     level = np.zeros(len(y) + 1)    # it begins at rest
     if jumps.rate > 0.0:
@@ -77,11 +79,12 @@ def add_jumps(y, jumps, rng, low_pass=None, dt=1.0):
         at = np.flatnonzero(rng.random(len(y)) < jumps.begin)
         size = np.zeros(len(y))
         size[at] = np.sqrt(jumps.step) * rng.standard_normal(len(at))
-        level[1:] += size if jumps.once else np.cumsum(size)
-    y += (low_pass.passed(level[:, None], dt)[:, 0] if low_pass else level)[1:]
+        level[1:] += size if jumps.before else np.cumsum(size)
     if jumps.louder > 0.0:
+        out = level[1:] if jumps.before else y
         for part in _bursts(len(y), jumps, rng):
-            y[part] += np.sqrt(jumps.louder) * rng.standard_normal(len(y[part]))
+            out[part] += np.sqrt(jumps.louder) * rng.standard_normal(len(y[part]))
+    y += (low_pass.passed(level[:, None], dt)[:, 0] if low_pass else level)[1:]
 
 
 def _bursts(N, jumps, rng):

@@ -87,7 +87,8 @@ class Jumps(NamedTuple):
     half: np.ndarray = 0.0        # half the distance of the two levels, u
     louder: np.ndarray = 0.0      # variance that the second adds to the noise, u^2
     step: np.ndarray = 0.0        # that it adds to the first state of the effects, u^2
-    once: np.ndarray = 0.0        # 1 if that state is 0 a sample later; 0 if it stays
+    before: np.ndarray = 0.0      # 1 if what jumps is noise that passes a low-pass: such
+                                  # a step is there but once
 
     @property
     def share(self):
@@ -128,9 +129,9 @@ class Effect(NamedTuple):
     alike: tuple = ()           # forms that are one a priori, as they are the same of
                                 # white noise
     uneven: tuple = ()          # pairs of a form and of that which stands in for it
-                                # where a noise changes
-    before: tuple = ()          # forms that pass a low-pass, and differ from others
-                                # only where there is one that acts on all processes
+                                # where what drives the hypothesis's own states changes
+    before: tuple = ()          # forms of jumps that pass a low-pass that all passes,
+                                # and differ from others only where there is one
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too
     comes_last: bool = False    # the model alters what all others make, as that of a
                                 # reading does; a reading, what others have read

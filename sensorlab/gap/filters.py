@@ -52,9 +52,11 @@ def _is_plain(h, y):
 def _through_mixtures(h, own, H, theta, y, out):
     jumps = h.jumps(theta)
     own, H = _with_one_level(own, H)
+    if own.louder is not None:
+        jumps = jumps._replace(louder=own.louder)
     return mixture_filters(
         y, H, own.own, own.pair, own.rise, own.r, np.column_stack(jumps[:2]),
-        np.column_stack([*jumps[2:-1], _felt(h, theta) * jumps.once]), out)
+        np.column_stack([*jumps[2:-1], _felt(h, theta) * jumps.before]), out)
 
 
 FELT = 4.0    # time constants of a low-pass for which an outlier before it is seen

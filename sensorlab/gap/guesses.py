@@ -42,7 +42,8 @@ def guesses_from(past, number, h, scene, signatures):
     if at is not None and h.keys[at] not in known:    # over what is likeliest
         return [*result, _near_values({h.keys[at]: (1.0, len(scene.y)**-0.5)}, h, keys)]
     driven = h.driven
-    if driven and driven.key not in [one.key for one in other.effects]:
+    if driven and driven.key not in [one.key for one in other.effects] and any(
+            (driven.key, symbol) in keys for symbol in driven.values):
         return [*result, _before_change(h, keys, scene, signatures, other, sample)]
     changed = [(one.key, symbol) for one in h.effects if one.effect.search == "onset"
                for symbol in one.values]    # a spectrum tells nothing of these
@@ -171,6 +172,8 @@ def _odd(h, scene, signatures, other, theta):
     if np.isnan(variance) or not new:
         return odd, nothing
     (one,) = new
+    if one.variant in one.effect.before:    # it moves innovations as white noise does
+        variance = other.white(theta[None])[0]**2
     more, mean, cov = LAWS[one.name](scene, one.effect, z, variance)
     free = [axis for axis, p in enumerate(one.values.values()) if p.free]
     return np.maximum(odd, _unless_most(more)), (

@@ -201,7 +201,7 @@ def _told_by_screens(inside, effects):
             return max(change_of_level(effect, scene, acc.member, acc.signatures,
                                        acc.theta), _told_by_spectra(
                 [h.with_effect(effect) for h in acc.hypotheses], scene, acc))
-        if effect.model and not effect.search:
+        if effect.model and not (effect.search or effect.jumps):
             return _told_by_spectra([h.with_effect(effect) for h in
                                      reference.hypotheses], plain, reference)
         if effect.name == "outliers" and len(odd_at_first(scene.y[None])):

@@ -86,6 +86,14 @@ def low_pass_of(member, theta):
                  for one in member.effects if one.acts_on_all), None)
 
 
+def low_pass_of_white(member, theta):
+    """The `LowPass` that white noise passes, or None."""
+    forms = {white: every for one in member.effects for every, white in
+             one.effect.of_all}
+    return next((LowPass(forms.get(one.variant, one.variant), float(member.value(
+        theta, one.key, "tau"))) for one in member.effects if one.effect.of_all), None)
+
+
 def families_passing(low_pass, listed):
     """Families of signatures of which a low-pass smooths the edges, as they pass it."""
     return [family._replace(low_pass=low_pass) for family in listed

@@ -157,6 +157,8 @@ class Member(NamedTuple):
     @property
     def can_be_filtered(self):
         """Does no more than one effect change what drives its states?"""
+        if self.driven and self.is_louder_before:
+            return False
         even, _ = self.evenly_driven(np.zeros((1, len(self.parameters))))
         return len(even.at_mean[-1].Gamma) == 1
 
@@ -214,6 +216,10 @@ class Member(NamedTuple):
             for one in self.effects if one.effect.jumps)]
         return Jumps(*(sum(part) for part in zip(*parts)))
 
+    def white(self, theta):
+        """Standard deviation (M,) of the white noise at theta (M, p)."""
+        return self.value(self.in_units(theta), "", "sigma_v")
+
     @property
     def without_jumps(self):
         """The same without effects that jump."""
@@ -250,7 +256,7 @@ class Member(NamedTuple):
     @property
     def steps(self):
         """Does a level move at random, and stay?"""
-        return any(one.step > 0.0 and not one.once for one in self._mean_jumps())
+        return any(one.step > 0.0 and not one.before for one in self._mean_jumps())
 
     @property
     def moves_a_state(self):
@@ -260,7 +266,12 @@ class Member(NamedTuple):
     @property
     def moves_once(self):
         """Does what moves the value not stay?"""
-        return any(one.once for one in self._mean_jumps())
+        return any(one.step > 0.0 and one.before for one in self._mean_jumps())
+
+    @property
+    def is_louder_before(self):
+        """Is the white noise louder at times before a low-pass?"""
+        return any(one.louder > 0.0 and one.before for one in self._mean_jumps())
 
     def forms(self, effect):
         """The forms of an effect that differ here; "" if it has but one."""
@@ -350,10 +361,10 @@ class Member(NamedTuple):
 
 def with_even_forms(effects):
     """Effects, those in a form that takes even noise in that which stands in for it, if
-    a noise changes.
+    what drives the hypothesis's own states changes.
     """
     effects = tuple(effects)
-    if not any(one.effect.drive for one in effects):
+    if not any(one.effect.drive and not one.effect.of_white for one in effects):
         return effects
     return tuple(one._replace(variant=dict(one.effect.uneven).get(
         one.variant, one.variant)) for one in effects)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import Bank, Modes, bank, brief, modes
-from sensorlab.gap.effects import BLOCK
+from sensorlab.gap.effects import BLOCK, Effect, Found, fixed
 from sensorlab.gap.kernels.lanes import LANES
 from sensorlab.gap.processes import moved_by_level
 
@@ -47,13 +47,52 @@ def bank_at(h, scene, theta):
     those that are not, or None; and which of the hypothesis's states (n,) it keeps.
     """
     even, evenly = h.evenly_driven(theta)
-    b = bank(even, scene.dt, evenly)
+    b, kept, told = _lean_bank(even, scene, evenly)
+    if not h.driven:
+        return b, None, kept
+    times = h.strength(h.driven, theta)[:, :len(scene.y)]**2
+    if h.driven.effect.of_white:
+        return b, _of_louder(even, scene, evenly, b, told, times, 2.0, 0.0), kept
+    own = np.zeros(len(kept))
+    own[h.states_driven(h.driven.effect)] = 1.0
+    driven = np.outer(own[kept], own[kept])
+    return b, Change(times, b.Q[:, 0] * driven, b.P0 * driven, np.zeros_like(b.r),
+                     np.zeros_like(b.P0)), kept
+
+
+def _lean_bank(h, scene, theta):
+    """`Bank` of a hypothesis driven evenly, without states that have no memory and
+    apart; which states (n,) it keeps; and what is left, a sample later, of the S of
+    `_without_states`, Phi S Phi' (M, n, n).
+    """
+    b = bank(h, scene.dt, theta)
     momentary = _momentary(b)
     if momentary.any():
         momentary[:h.own_states] = False    # those of effects alone
-    lean = _without_states(b, momentary)
-    return _apart(lean, h.own_states), h.driven and _change(
-        h, scene, theta, b, momentary, lean), ~momentary
+    lean, kept = _without_states(b, momentary), ~momentary
+    Phi, S = lean.Phi[:, 0], lean.P0 - b.P0[
+        np.ix_(range(len(b.P0)), kept, kept)]
+    return _apart(lean, h.own_states), kept, Phi @ S @ Phi.swapaxes(1, 2)
+
+
+def _louder(scene, filt, times, plus):
+    """White noise of so many times the variance, and more."""
+    return filt._replace(Psi=np.sqrt(times * filt.Psi**2 + plus))
+
+
+LOUDER = Effect("louder", model=_louder, drive=_louder, elementwise=True)
+
+
+def _of_louder(h, scene, theta, b, told, changes, times, plus):
+    """`Change` of a hypothesis at theta (M, p), of this bank and what is `told` of it,
+    where its white noise has so many times the variance, and so much more, before all
+    that it passes.
+    """
+    other, _, its_told = _lean_bank(h._replace(effects=(*h.effects, Found(
+        LOUDER, values=fixed(times=1.0, plus=0.0)))), scene, np.column_stack([
+            theta, *(np.broadcast_to(v, len(theta)) for v in (times, plus))]))
+    return Change(changes, other.Q[:, 0] - b.Q[:, 0], other.P0 - b.P0, other.r - b.r,
+                  its_told - told)
 
 
 def _momentary(b):
@@ -153,38 +192,25 @@ def _balance(S, states, v, h):
 
 
 class Change(NamedTuple):
-    """Some states are not driven evenly, at M nodes."""
-
-    states: np.ndarray    # their numbers
-    times: np.ndarray     # (M, N) as large the variances of their noises are, as is ...
-    white: np.ndarray     # (M, 1) ... that in place of states that had no memory, ...
-    told: np.ndarray      # (M, n, n) ... and S of `_without_states`, of which this is
-                          # Phi S Phi', what is left of it a sample later
-
-
-def _change(h, scene, theta, b, momentary, lean):
-    """`Change` of a hypothesis at theta (M, p), of its bank with all states, of those
-    that are momentary, and of the lean bank without these.
+    """Some states are not driven evenly, at M nodes: `times` as large variances add as
+    many times, less one, to ...
     """
-    keep, states = ~momentary, h.states_driven(h.driven.effect)
-    with_white = momentary[states].any()
-    kept, Phi = np.ix_(range(len(b.P0)), keep, keep), lean.Phi[:, 0]
-    return Change((np.cumsum(keep) - 1)[states[keep[states]]],
-                  h.strength(h.driven, theta)[:, :len(scene.y)]**2,
-                  with_white * (lean.r - b.r), with_white * (
-                      Phi @ (lean.P0 - b.P0[kept]) @ Phi.swapaxes(1, 2)))
+
+    times: np.ndarray     # (M, N) or (M, 0)
+    Q: np.ndarray         # (M, n, n) ... the covariance of the noises of the states, ...
+    P0: np.ndarray        # (M, n, n) ... that of the states at first, ...
+    white: np.ndarray     # (M, 1) ... the variance of white noise, ...
+    told: np.ndarray      # (M, n, n) ... and what was added a sample before is gone: as
+                          # of S in `_without_states` there is left Phi S Phi'
 
 
 def driven_bank(b, change, times):
     """A bank with a `Change` that is the same at all times, so many times (M,) the
     variance.
     """
-    states, factor = change.states, times[:, None, None]
-    own = np.s_[..., states[:, None], states]
-    Q, P0 = b.Q.copy(), b.P0.copy()
-    Q[own] *= factor[..., None]
-    P0[own] *= factor
-    return b._replace(Q=Q, P0=P0, r=b.r + change.white * (times[:, None] - 1.0))
+    more = times[:, None] - 1.0
+    return b._replace(Q=b.Q + more[..., None, None] * change.Q[:, None],
+                      P0=b.P0 + more[..., None] * change.P0, r=b.r + change.white * more)
 
 
 def modes_of(h, b):
@@ -264,6 +290,8 @@ class Parts(NamedTuple):
     h: np.ndarray       # (n,) what observes the states
     r: np.ndarray       # (M, 1 or N) variance of the white noise
     rise: np.ndarray = np.zeros((0, 0))    # (M, N); (0, 0) where no noise changes
+    louder: np.ndarray = None    # (M,) variance that the second level adds to the white
+                        # noise where it is louder before a low-pass
 
     __repr__ = brief
 
@@ -279,6 +307,11 @@ def parts_at(h, scene, theta):
             h.moves_once)
     if h.moves_a_state:
         one.own[10][:, at[h.own_states]] = seen
+    if h.is_louder_before:
+        b, _, told = _lean_bank(h, scene, theta)
+        louder = _of_louder(h, scene, theta, b, told, None, 1.0, h.jumps(theta).louder)
+        _add_changes(one, louder)
+        one = one._replace(louder=louder.white[:, 0])
     return one
 
 
@@ -300,14 +333,22 @@ def parts_of(h, b, change=None):
     return _changing(one, h, change) if change else one
 
 
+def _add_changes(one, change):
+    """What a `Change` adds to the noises of `Parts`, into these."""
+    states = np.arange(len(one.pair))
+    beside = one.pair != states
+    for row, added in ((6, change.Q), (8, change.told)):
+        one.own[row] = added[:, states, states]
+        one.own[row + 1] = added[:, states, one.pair] * beside
+
+
 def _changing(one, h, change):
     """`Parts` of states driven evenly with a `Change` of their noise."""
-    one.own[6:8, :, change.states] = one.own[2:4, :, change.states]
-    states = np.arange(len(one.pair))
-    one.own[8], one.own[9] = change.told[:, states, states], change.told[
-        :, states, one.pair] * (one.pair != states)
+    _add_changes(one, change)
     if h.driven.effect.of_white:    # a low-pass was at rest with the noise at first
-        one.own[4:6, :, change.states] *= change.times[:, :1]
+        states, first = np.arange(len(one.pair)), change.times[:, :1] - 1.0
+        one.own[4] += first * change.P0[:, states, states]
+        one.own[5] += first * change.P0[:, states, one.pair] * (one.pair != states)
     rise = change.times - 1.0
     return one._replace(rise=rise, r=one.r + change.white * rise
                         if change.white.any() else one.r)

@@ -359,7 +359,7 @@ def level(scene, filt, dwell, sigma):
     return join(filt, (1.0, 0.0 * sigma, 0.0))
 
 
-BEFORE_LOW_PASS = "before the low-pass"    # a form of outliers
+BEFORE_LOW_PASS = "before the low-pass"    # a form of outliers, and of bursts
 
 
 def shot(scene, filt, rate, sigma, variant=""):
@@ -441,7 +441,7 @@ def rounding_of_integral(scene, filt, lsb):
 
 def outliers(dt, rate, sigma, variant=""):
     if variant == BEFORE_LOW_PASS:
-        return Jumps(begin=rate, end=1.0 - rate, step=sigma**2, once=1.0)
+        return Jumps(begin=rate, end=1.0 - rate, step=sigma**2, before=1.0)
     return Jumps(rate=rate, variance=sigma**2)
 
 
@@ -455,6 +455,6 @@ def random_steps(dt, dwell, sigma):
     return Jumps(begin=begin, end=1.0 - begin, step=sigma**2)
 
 
-def noise_bursts(dt, quiet, duration, sigma):
+def noise_bursts(dt, quiet, duration, sigma, variant=""):
     return Jumps(begin=-np.expm1(-dt / quiet), end=-np.expm1(-dt / duration),
-                 louder=sigma**2)
+                 louder=sigma**2, before=float(variant == BEFORE_LOW_PASS))

@@ -52,10 +52,12 @@ def search_cost(effect, scene):
 
 
 def different(forms):
-    """Those (variant, hypotheses) of which no earlier one has the same filters."""
+    """Those (variant, hypotheses) of which no earlier one has the same filters, and
+    the same noise that is louder at times.
+    """
     result, known = [], []
     for variant, richer in forms:
-        filters = [h.at_mean[-1] for h in richer]
+        filters = [(*h.at_mean[-1], h.is_louder_before) for h in richer]
         if any(all(np.array_equal(a, b) for one, own in zip(filters, other)
                    for a, b in zip(one, own)) for other in known):
             continue

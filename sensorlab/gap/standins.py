@@ -37,8 +37,22 @@ LEVEL_AS_NOISE = Effect("level_as_noise", model=level_as_noise, elementwise=True
 STEPS_AS_WALK = Effect("steps_as_walk", model=steps_as_walk, elementwise=True)
 
 
-def _louder(share):
-    """The effect of a noise that is there with a probability (N,)."""
+def _louder_before(scene, more, share):
+    return np.sqrt(1.0 + more * share)
+
+
+def _with_louder(scene, filt, more, share):
+    return filt._replace(Psi=filt.Psi * _louder_before(scene, more, share))
+
+
+def _louder(share, before):
+    """The effect of a noise that is there with a probability (N,): added to the output,
+    or to the white noise before a low-pass, as a part of its variance.
+    """
+    if before:
+        return Effect("louder_at_times", model=functools.partial(
+            _with_louder, share=share), drive=functools.partial(
+            _louder_before, share=share), of_white=True, elementwise=True)
     always, on_average = (functools.partial(_louder_at_times, share=part)
                           for part in (share, share.mean()))
     return Effect("louder_at_times", model=always, on_average=on_average,
@@ -63,16 +77,19 @@ def _gaussian(scene, acc, seen):
     """`gaussian` of an account that has jumps, by what its filter has `seen`."""
     masked = scene._replace(y=np.where(seen.odd[0, 0] > 0.5, np.nan, scene.y))
     plain, own = [], acc.member.jumps(acc.theta[None])
-    louder = _louder(on_second(seen, own)) if own.louder[0] else None
+    before, white = own.before[0], acc.member.white
+    louder = _louder(on_second(seen, own), before) if own.louder[0] else None
     for h in acc.hypotheses:    # one that cannot be may not know what jumps
         effects = tuple(one for one in h.effects if not one.effect.jumps)
         if own.half[0] > 0.0:
             effects += (Found(LEVEL_AS_NOISE, values=fixed(change=own.begin[0],
                                                            half=own.half[0])),)
-        if own.step[0] > 0.0 and not own.once[0]:
+        if own.step[0] > 0.0 and not own.before[0]:
             effects += (Found(STEPS_AS_WALK, values=fixed(sigma_w=own.sigma_w[0])),)
         if louder:
-            effects += (Found(louder, values=fixed(variance=own.louder[0])),)
+            effects += (Found(louder, values=fixed(
+                more=own.louder[0] / white(acc.theta[None])[0]**2) if before else fixed(
+                variance=own.louder[0])),)
         plain.append(h._replace(effects=effects))
     return masked, tuple(plain)
 
@@ -103,7 +120,7 @@ def stand_ins(scene, acc):
         return [(scene, acc.hypotheses)], (scene, acc.hypotheses)
     seen, jumps = _seen(scene, acc), acc.member.jumps(acc.theta[None])
     plain, hypotheses = _gaussian(scene, acc, seen)
-    together = plain if jumps.once[0] else _with_clusters(scene, plain, jumps.rate[0])
+    together = plain if jumps.before[0] else _with_clusters(scene, plain, jumps.rate[0])
     level = _level(seen, jumps, low_pass_of(acc.member, acc.theta), scene.dt
                    ) if jumps.half[0] else None
     if level is None:

@@ -247,7 +247,8 @@ def _filtered(y, H, own, pair, rise, r, outlier, jump, second, out):
     """
     y, own, r = in_rows(y, own, r)
     total = np.empty((len(y), own.shape[1]))
-    levels = 2 if jump[:, 2:4].max() > 0.0 else 1
+    louder = not len(rise) and own[6:10].any()    # before a low-pass
+    levels = 2 if louder or jump[:, 2:4].max() > 0.0 else 1
     kinds = 2 if outlier[:, 0].max() > 0.0 else 1
     n, away, some = len(pair), abs(pair - np.arange(len(pair))).max(), groups(
         total.size, LANES)
@@ -259,7 +260,7 @@ def _filtered(y, H, own, pair, rise, r, outlier, jump, second, out):
             rise) and not away:
         in_threads(filter_outliers, some, (0,) * n, y, H, own, r, outlier, out, total)
     elif (levels, kinds) == (2, 1) and n <= UNROLLED_LEVELS and not len(
-            rise) and not away and not own[10].any():
+            rise) and not away and not own[6:].any():
         in_threads(filter_levels, some, (0,) * n, y, H, own, r, jump, second, out,
                    total)
     else:
@@ -280,13 +281,13 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r
     of_level, of_path = levels * lanes, levels * levels * lanes
     for group in range(first, last):
         record, nodes, number, tell = lanes_of_group(group, lanes, M, out)
-        node = np.empty(of_level, np.int64)
+        node = np.empty(of_path, np.int64)
         rate, wider, chance, offset, louder = (
             np.empty(of_path), np.empty(of_path), np.ones(of_path), np.zeros(of_path),
             np.zeros(of_path))
         weight, push = np.ones(of_level), np.zeros((n, lanes))
         for g in range(of_path):
-            at = node[g % of_level] = nodes[g % lanes]
+            at = node[g] = nodes[g % lanes]
             rate[g], wider[g] = outlier[at, 0], outlier[at, 1]
             if levels == 2:
                 to, start, change = g // of_level, g // lanes % 2, jump[at]
@@ -297,11 +298,10 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r
                 for s in range(n):    # of a low-pass, where the level changes
                     push[s, g % lanes] = 2.0 * change[2] * own[10, at, s]
                     offset[g] += (to - start) * H[0, s] * push[s, g % lanes]
-        parts, P = np.empty((6, n, of_level)), np.empty((n, n, of_level))
+        parts, P = np.empty((6, n, of_path)), np.empty((n, n, of_path))
         load(own, pair, node, parts, P)
-        x, Ph, nu, f, noise = (np.zeros((n, of_level)), np.empty((n, of_level)),
-                               np.empty(of_level), np.empty(of_level),
-                               np.empty(of_level))
+        x, Ph, noise = (np.zeros((n, of_path)), np.empty((n, of_path)),
+                        np.empty(of_path))
         of_kinds = kinds, of_path
         per_f, half, term = np.empty(of_kinds), np.empty(of_kinds), np.empty(of_kinds)
         prior, here, share, wild = (np.empty(of_path), np.empty(of_path),
@@ -315,18 +315,14 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r
         bits = power.view(np.int64)
         # the same by path, or by the level that it leads to
         by_path, to_level = (levels * levels, lanes), (levels, of_level)
-        seen_of, here_of, share_of, prior_of, gain_of, shrink_of = (
+        seen_of, here_of, share_of, prior_of = (
             seen.reshape(by_path), here.reshape(by_path), share.reshape(by_path),
-            prior.reshape(by_path), gain.reshape(by_path), shrink.reshape(by_path))
-        e_to, v_to, prior_to, offset_to, louder_to, chance_to = (
-            e.reshape(to_level), v.reshape(to_level), prior.reshape(to_level),
-            offset.reshape(to_level), louder.reshape(to_level),
-            chance.reshape(to_level))
-        half_of, least_of, nu_of, weight_of = (
+            prior.reshape(by_path))
+        prior_to, chance_to = prior.reshape(to_level), chance.reshape(to_level)
+        half_of, least_of, weight_of = (
             half.reshape(kinds, *by_path), least.reshape(by_path),
-            nu.reshape(levels, lanes), weight.reshape(levels, lanes))
-        x_of, Ph_of, P_of = (x.reshape(n, levels, lanes), Ph.reshape(n, levels, lanes),
-                             P.reshape(n, n, levels, lanes))
+            weight.reshape(levels, lanes))
+        x_of, P_of = x.reshape(n, *by_path), P.reshape(n, n, *by_path)
         apart, new = np.empty((n, levels, lanes)), np.empty((levels, lanes))
         rate_of, wild_of, e_of, per_f_of = (
             rate.reshape(by_path), wild.reshape(by_path), e.reshape(by_path),
@@ -336,27 +332,27 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r
             h = H[i]
             if len(rise):
                 drive(own, node, rise, i, i == 0, parts)
+            elif levels == 2 and i < 2:    # it was quiet before the first sample
+                _drive_paths(own, node, lanes, i > 0, parts)
             for g in range(lanes):
                 value[g] = y[record[g], i]
             for path in range(levels * levels):
                 for g in range(lanes):
                     seen_of[path, g] = 0.0 if np.isnan(value[g]) else 1.0
             if i == 0 or r.shape[1] > 1:
-                for g in range(of_level):
-                    noise[g] = r[node[g], i]
-            for level in range(levels):
+                for g in range(of_path):
+                    noise[g] = r[node[g], i] + louder[g]
+            for path in range(levels * levels):
                 for g in range(lanes):
-                    nu_of[level, g] = 0.0 if np.isnan(value[g]) else value[g]
-            for g in range(of_level):
-                f[g] = noise[g]
+                    e_of[path, g] = 0.0 if np.isnan(value[g]) else value[g]
+            for g in range(of_path):
+                e[g] -= offset[g]
+                v[g] = noise[g]
             turn_covariance(parts, pair, P)
-            observe_covariance(parts, pair, h, P, Ph, f)
+            observe_covariance(parts, pair, h, P, Ph, v)
             turn(parts, pair, x)
-            observe_state(h, x, nu)
+            observe_state(h, x, e)
             for to in range(levels):
-                for g in range(of_level):
-                    e_to[to, g] = nu[g] - offset_to[to, g]
-                    v_to[to, g] = f[g] + louder_to[to, g]
                 for g in range(of_level):
                     prior_to[to, g] = weight[g] * chance_to[to, g]
             weigh_kinds(prior, rate, wider, e, v, per_f, half, term)
@@ -380,13 +376,11 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r
             for g in range(of_path):
                 gain[g] *= seen[g]
                 shrink[g] *= seen[g]
-            if levels == 1:
-                update_state(x, Ph, gain)
-                update_covariance(P, Ph, shrink)
-            else:
+            update_state(x, Ph, gain)
+            update_covariance(P, Ph, shrink)
+            if levels == 2:
                 _share_paths(here_of, prior_of, seen, mass, share_of, weight_of)
-                _merge_paths(share_of, gain_of, shrink_of, push, apart, new, x_of, P_of,
-                             Ph_of)
+                _merge_paths(share_of, push, apart, new, x_of, P_of)
             if tell and levels * kinds == 1:
                 for g in range(tell):
                     told[0, g] = e[g] * np.sqrt(per_f[0, g])
@@ -400,6 +394,19 @@ def _filter_mixtures(first, last, lanes, levels, kinds, y, H, own, pair, rise, r
                     out[record[g], node[g], row, i] = told[row, g]
         for g in range(number):
             total[record[g], node[g]] = -log_f[g]
+
+
+@njit(**INSIDE)
+def _drive_paths(own, node, lanes, from_second, parts):
+    """The noises of the states of all paths (4 lanes), where that of the second level
+    is louder before a low-pass; paths from it were loud a sample before, or not yet.
+    """
+    for g in range(4 * lanes):
+        to, start, at = g // (2 * lanes), g // lanes % 2 * from_second, node[g]
+        for s in range(own.shape[2]):
+            for k in range(2, 4):
+                parts[k, s, g] = own[k, at, s] + to * own[4 + k, at, s] + (
+                    to - start) * own[6 + k, at, s]
 
 
 @njit(**INSIDE)
@@ -435,9 +442,10 @@ def _share_paths(here, prior, seen, mass, share, weight):
 
 
 @njit(**INSIDE)
-def _merge_paths(share, gain, shrink, push, apart, new, x, P, Ph):
-    """One Gaussian of each level after a sample, from the two that have led there:
-    x (n, 2, lanes) and P (n, n, 2, lanes); the way up adds a push (n, lanes).
+def _merge_paths(share, push, apart, new, x, P):
+    """One Gaussian of each level after a sample, from the two paths that have led
+    there, on both that start from it: x (n, 4, lanes) and P (n, n, 4, lanes); the way
+    up adds a push (n, lanes).
 
     apart (n, 2, lanes) becomes the difference of the two states.
     """
@@ -446,29 +454,25 @@ def _merge_paths(share, gain, shrink, push, apart, new, x, P, Ph):
         for to in range(2):
             first, second = 2 * to, 2 * to + 1
             for g in range(lanes):
-                new[to, g] = x[s, 1, g] + Ph[s, 1, g] * gain[second, g] - (
-                    1 - to) * push[s, g]
-            for g in range(lanes):
-                apart[s, to, g] = x[s, 0, g] + Ph[s, 0, g] * gain[first, g] + (
-                    to * push[s, g] - new[to, g])
-            for g in range(lanes):
-                new[to, g] += share[first, g] * apart[s, to, g]
+                other = x[s, second, g] - (1 - to) * push[s, g]
+                apart[s, to, g] = x[s, first, g] + to * push[s, g] - other
+                new[to, g] = other + share[first, g] * apart[s, to, g]
         for to in range(2):
             for g in range(lanes):
                 x[s, to, g] = new[to, g]
+                x[s, 2 + to, g] = new[to, g]
         for t in range(s + 1):
             for to in range(2):
                 first, second = 2 * to, 2 * to + 1
                 for g in range(lanes):
-                    other = P[s, t, 1, g] - (
-                        Ph[s, 1, g] * Ph[t, 1, g] * shrink[second, g])
-                    one = P[s, t, 0, g] - Ph[s, 0, g] * Ph[t, 0, g] * shrink[first, g]
+                    other = P[s, t, second, g]
                     new[to, g] = other + share[first, g] * (
-                        one - other + share[second, g] * (
+                        P[s, t, first, g] - other + share[second, g] * (
                             apart[s, to, g] * apart[t, to, g]))
             for to in range(2):
                 for g in range(lanes):
                     P[s, t, to, g] = new[to, g]
+                    P[s, t, 2 + to, g] = new[to, g]
 
 
 @njit(**KERNEL)
