@@ -351,17 +351,21 @@ def test_a_wide_bandwidth_is_white_noise(sensor):
     assert white == pytest.approx(20.0 * DEG) and len(processes) == 1
 
 
-def test_outliers_before_a_low_pass_are_white_noise_before_it(sensor):
+@pytest.mark.parametrize("name, values", [
+    ("outliers", dict(rate=0.01, sigma=300.0)),
+    ("noise_bursts", dict(quiet=1.0, duration=0.5, sigma=50.0))])
+def test_what_jumps_before_a_low_pass_is_white_noise_before_it(sensor, name, values):
     low_pass = dict(name="bandwidth", parameters=dict(tau=0.05), variant="digital")
-    knocks = dict(name="outliers", parameters=dict(rate=0.01, sigma=300.0),
-                  variant="before the low-pass")
+    knocks = dict(name=name, parameters=values, variant="before the low-pass")
     white = dict(name="white_noise", parameters=dict(sigma_v=20.0))
-    louder = dict(name="white_noise", parameters=dict(sigma_v=np.hypot(20.0, 30.0)))
+    begin, end = -np.expm1([-DT / 1.0, -DT / 0.5])
+    more = 30.0 if name == "outliers" else 50.0 * np.sqrt(begin / (begin + end))
+    louder = dict(name="white_noise", parameters=dict(sigma_v=np.hypot(20.0, more)))
     own = sensor(white | dict(effects=[low_pass, knocks]))
     same = sensor(louder | dict(effects=[low_pass]))
     m = np.array([1, 3, 10])
     assert own.allan_variance(m) == pytest.approx(same.allan_variance(m))
-    assert any("outliers before the low-pass" in one for one in TARGETS["numpy"](
+    assert any(f"{name} before the low-pass" in one for one in TARGETS["numpy"](
         [own]).lost)
 
 

@@ -906,10 +906,11 @@ def test_outliers_behind_a_low_pass_do_not_hide_its_form():
 def test_what_joins_an_account_makes_a_form_that_uneven_noise_can_have():
     y = np.random.default_rng(0).standard_normal(400)
     scene = Scene(y, 1.0, {})
-    plain = account.account(scene, [member(scene, WHITE[0])])
+    plain = account.account(scene, [member(scene, sensorid.hypothesis(
+        "random_walk", sigma_w=0.1, sigma_v=1.0))])
     digital, changed = (account.account(scene, plain.bases, [
         plain.member.with_effect(sensorlab.CATALOGUE[name], form)])
-        for name, form in (("bandwidth", "digital"), ("noise_step", "")))
+        for name, form in (("bandwidth", "digital"), ("walk_step", "")))
     both = pairs._with_last(scene, digital, changed)
     assert [one.variant for one in both.member.effects] == ["digital white noise", ""]
 

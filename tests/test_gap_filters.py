@@ -428,26 +428,57 @@ def test_steps_on_a_walk_are_close_to_the_sum_over_all_histories():
 
 @pytest.mark.parametrize("form", [
     "digital", large("digital first order"), large("exponential")])
-def test_outliers_pass_a_low_pass_as_the_sum_over_all_histories_does(form):
-    n, bias_sigma, sigma_v, tau, rate, sigma = 10, 0.05, 0.3, 1.0, 0.1, 4.0
-    L = through_low_pass(form, tau, 80)
-    noise = sigma_v**2 * (L @ L.T)[-n:, -n:] + bias_sigma**2
-    paths = np.array(list(itertools.product((0, 1), repeat=n)))
-    prior = (rate**paths * (1.0 - rate)**(1 - paths)).prod(1)
+@pytest.mark.parametrize("effect", ["outliers", "noise_bursts"])
+def test_noise_before_a_low_pass_is_as_the_sum_over_all_histories(form, effect):
+    n, bias_sigma, tau = 10, 0.05, 1.0
+    tau_m, sigma_m, sigma_v = markov = 10.0, 0.2, 0.3
+    L, t = through_low_pass(form, tau, 80), np.arange(80)    # of noise that has gone on
+    noise = (L @ (sigma_v**2 * np.eye(80) + sigma_m**2 * np.exp(
+        -abs(np.subtract.outer(t, t)) / tau_m)) @ L.T)[-n:, -n:] + bias_sigma**2
+    if effect == "outliers":
+        rate, sigma = 0.1, 4.0
+        paths = np.array(list(itertools.product((0, 1), repeat=n)))
+        prior, values = (rate**paths * (1.0 - rate)**(1 - paths)).prod(1), (rate, sigma)
+    else:
+        quiet, duration, sigma = values = 8.0, 5.0, 1.5
+        paths, prior = naive.histories(*-np.expm1([-DT / quiet, -DT / duration]), n)
     laws = [multivariate_normal(cov=noise + sigma**2 * (L[:n, :n] * path) @ L[:n, :n].T)
             for path in paths]
-    h = sensorid.hypothesis("white_noise", sigma_v=sigma_v, bias_sigma=bias_sigma)
-    theta, errors, gains = np.array([[sigma_v, tau, rate, sigma]]), [], []
+    h = sensorid.hypothesis("markov", tau_m=tau_m, sigma_m=sigma_m, sigma_v=sigma_v,
+                            bias_sigma=bias_sigma)
+    theta, errors, gains = np.array([[*markov, tau, *values]]), [], []
     rng = np.random.default_rng(4)
     for k in rng.choice(len(paths), 40, p=prior):
         y = laws[k].rvs(random_state=rng)
         own = member(Scene(y, DT, {}), h).with_effect(
             CATALOGUE["bandwidth"], form).with_effect(
-            CATALOGUE["outliers"], "before the low-pass")
+            CATALOGUE[effect], "before the low-pass")
         exact = np.log(prior @ [law.pdf(y) for law in laws])
         errors.append(filters.log_likelihoods(own, own.scene, (), theta)[0] - exact)
         gains.append(exact - laws[0].logpdf(y))    # the first has none
     assert abs(np.mean(errors)) < 0.2 and np.std(errors) < 0.5 < np.mean(gains)
+
+
+@pytest.mark.parametrize("when", ["after the onset", "before the onset"])
+@pytest.mark.parametrize("form", ["digital", "digital first order", "exponential"])
+def test_noise_that_changes_passes_what_a_process_passes(form, when):
+    """The likelihood is that of a dense covariance."""
+    n, bias_sigma, tau, first, ratio = 30, 0.5, 1.0, 12, 3.0
+    tau_m, sigma_m, sigma_v = markov = 10.0, 0.2, 0.3
+    L, number = through_low_pass(form, tau, 100), np.arange(100) - (100 - n)
+    loud = (number >= first) == (when == "after the onset")
+    law = multivariate_normal(cov=bias_sigma**2 + (L @ (
+        np.diag(sigma_v**2 * np.where(loud, ratio**2, 1.0)) + sigma_m**2 * np.exp(
+            -abs(np.subtract.outer(number, number)) / tau_m)) @ L.T)[-n:, -n:])
+    h = sensorid.hypothesis("markov", tau_m=tau_m, sigma_m=sigma_m, sigma_v=sigma_v,
+                            bias_sigma=bias_sigma)
+    for y in law.rvs(3, random_state=np.random.default_rng(5)):
+        own = member(Scene(y, DT, {}), h).with_effect(
+            CATALOGUE["bandwidth"], form).with_effect(CATALOGUE["noise_step"], when)
+        assert [one.variant for one in own.effects] == [form, when]
+        told = filters.log_likelihoods(own, own.scene, (), np.array([[
+            *markov, tau, first * DT, ratio]]))
+        assert told[0] == pytest.approx(law.logpdf(y), abs=1e-6)
 
 
 @pytest.mark.parametrize("form", [

@@ -230,6 +230,28 @@ def test_outliers_are_found_before_a_low_pass(low_pass):
     assert np.abs(drawn).max() > 6.0 * np.median(np.abs(drawn))
 
 
+@pytest.mark.parametrize("effect", [
+    large("noise_bursts"), thorough("noise_step")])
+def test_noise_that_is_louder_before_a_low_pass_is_found_beside_a_walk(effect):
+    """Near half the sampling rate the low-pass of the walk leaves next to nothing: it
+    must pass as the noise does.
+    """
+    rng, at = np.random.default_rng(1), np.arange(3100)
+    loud = at > 2000 if effect == "noise_step" else (at - 100) % 600 < 50
+    noise, walk = rng.standard_normal((2, 2, 3100)) * [[[1.0]], [[0.01]]]
+    noise[1] *= np.where(loud, 2.5, 1.0)
+    theirs, y = signal.lfilter(*signal.butter(2, 0.3), noise + np.cumsum(walk, 1))[
+        :, 100:]
+    d = sensorlab.diagnose(y, 1.0, sensorlab.simulator_from(theirs[None], 1.0))
+    assert d.verdict == effect and d.after.p_value > 0.01
+    mean, sd = d.found[0].values["ratio" if effect == "noise_step" else "sigma"]
+    assert abs(mean - (2.5 if effect == "noise_step" else 5.25**0.5)) < 3.0 * sd < 0.6
+    model = sensorlab.augmented(d)
+    drawn = sensorlab.simulate_effects(
+        model, Scene(np.zeros(3000), 1.0, {}), seed=1).error[0]
+    assert sensorlab.diagnose(drawn, 1.0, model).verdict == "none"
+
+
 def log_density(scene, low_pass, noise):
     """Of a record, by a dense matrix: noise of a covariance (N + 1000, N + 1000) that
     passes, a bias, and what digits leave out.

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sensorid import ShapingFilter, model_allan_variance
-from sensorlab.gap.catalogue import CATALOGUE
-from sensorlab.gap.effects import Jumps, Scene
+from sensorlab.gap.effects import Found, Jumps, Scene, fixed
 from sensorlab.gap.members import Simulator, members
-from sensorlab.gap.processes import BEFORE_LOW_PASS, beside, join, shot_noise
+from sensorlab.gap.parts import LOUDER
+from sensorlab.gap.processes import BEFORE_LOW_PASS, beside, join
 from sensorlab.units import SI, factor, kind_of
 
 
@@ -116,9 +116,7 @@ def axis(model, unit=None, duration=3600.0):
     ((h, effects),) = model.simulator.pairs
     (member,) = members(Simulator((h,), (tuple(
         one for one in effects if not one.column),)), scene)
-    member = member._replace(effects=tuple(
-        one._replace(effect=SHOT_NOISE) if one.variant == BEFORE_LOW_PASS else one
-        for one in member.effects))
+    member = _without_jumps_before(member)
     theta = np.array([p.mean for p in member.parameters])
     jumps = Jumps(*(float(part[0]) for part in member.jumps(theta[None])))
     readings = {symbol: value for one in effects if one.name in READ
@@ -133,7 +131,20 @@ def axis(model, unit=None, duration=3600.0):
         (*_strange(effects), *_ranges(member)))
 
 
-SHOT_NOISE = CATALOGUE["outliers"]._replace(model=shot_noise, jumps=None)
+def _without_jumps_before(member):
+    """A hypothesis with white noise of the same variance in place of what jumps before
+    a low-pass.
+    """
+    theta = np.array([[p.mean for p in member.parameters]])
+    own = Jumps(*(float(part[0]) for part in member.jumps(theta)))
+    if not own.before:
+        return member
+    plus = own.begin * own.step if own.step else own.share * own.louder
+    return member._replace(effects=(
+        Found(LOUDER, values=fixed(times=1.0, plus=plus)), *(
+            one for one in member.effects if one.variant != BEFORE_LOW_PASS)))
+
+
 READ = "quantization", "saturation"    # of all readings, what programs know
 
 

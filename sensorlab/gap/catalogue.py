@@ -372,8 +372,8 @@ CATALOGUE = {effect.name: effect for effect in (
                     "1 / (2 pi tau), or an exponential one, y + a (Y - y) with a = "
                     "exp(-dt / tau) and Y the value before, has random walks, Markov "
                     "processes, narrow-band noise, levels, what begins at some time "
-                    "and what follows a column pass it, too, or, as always where a "
-                    "noise changes, the white noise alone; tau in s",
+                    "and what follows a column pass it, too, or, as always beside "
+                    "walk_step, the white noise alone; tau in s",
            resembles="correlated noise of short time", experiment="sample faster"),
     Effect("blue_noise", model=processes.blue_noise, elementwise=True,
            search="spectrum",

@@ -87,8 +87,8 @@ class Jumps(NamedTuple):
     half: np.ndarray = 0.0        # half the distance of the two levels, u
     louder: np.ndarray = 0.0      # variance that the second adds to the noise, u^2
     step: np.ndarray = 0.0        # that it adds to the first state of the effects, u^2
-    before: np.ndarray = 0.0      # 1 if what jumps is noise that passes a low-pass: such
-                                  # a step is there but once
+    before: np.ndarray = 0.0      # 1 if what jumps is noise that passes a low-pass: a
+                                  # step of it is there but once
 
     @property
     def share(self):

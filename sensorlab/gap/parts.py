@@ -76,7 +76,8 @@ def _lean_bank(h, scene, theta):
 
 
 def _louder(scene, filt, times, plus):
-    """White noise of so many times the variance, and more."""
+    """White noise of so many times the variance, and more, before all that it passes.
+    """
     return filt._replace(Psi=np.sqrt(times * filt.Psi**2 + plus))
 
 
@@ -85,8 +86,7 @@ LOUDER = Effect("louder", model=_louder, drive=_louder, elementwise=True)
 
 def _of_louder(h, scene, theta, b, told, changes, times, plus):
     """`Change` of a hypothesis at theta (M, p), of this bank and what is `told` of it,
-    where its white noise has so many times the variance, and so much more, before all
-    that it passes.
+    where its white noise is `_louder`.
     """
     other, _, its_told = _lean_bank(h._replace(effects=(*h.effects, Found(
         LOUDER, values=fixed(times=1.0, plus=0.0)))), scene, np.column_stack([
@@ -192,16 +192,18 @@ def _balance(S, states, v, h):
 
 
 class Change(NamedTuple):
-    """Some states are not driven evenly, at M nodes: `times` as large variances add as
-    many times, less one, to ...
+    """Some states are not driven evenly, at M nodes: variances that are `times` as
+    large add as many times, less one, to ...
     """
 
     times: np.ndarray     # (M, N) or (M, 0)
-    Q: np.ndarray         # (M, n, n) ... the covariance of the noises of the states, ...
+    Q: np.ndarray         # (M, n, n) ... the covariance of the states' noises, ...
     P0: np.ndarray        # (M, n, n) ... that of the states at first, ...
     white: np.ndarray     # (M, 1) ... the variance of white noise, ...
-    told: np.ndarray      # (M, n, n) ... and what was added a sample before is gone: as
-                          # of S in `_without_states` there is left Phi S Phi'
+    told: np.ndarray      # (M, n, n) ... and as much as that is more than before, to
+                          # what a sample before there was of S in `_without_states`:
+                          # Phi S Phi'
+
 
 
 def driven_bank(b, change, times):
@@ -209,8 +211,9 @@ def driven_bank(b, change, times):
     variance.
     """
     more = times[:, None] - 1.0
-    return b._replace(Q=b.Q + more[..., None, None] * change.Q[:, None],
-                      P0=b.P0 + more[..., None] * change.P0, r=b.r + change.white * more)
+    return b._replace(
+        Q=b.Q + more[..., None, None] * change.Q[:, None],
+        P0=b.P0 + more[..., None] * change.P0, r=b.r + more * change.white)
 
 
 def modes_of(h, b):

@@ -367,10 +367,6 @@ def shot(scene, filt, rate, sigma, variant=""):
     return join(filt, (0.0, 0.0 * sigma, 0.0)) if variant == BEFORE_LOW_PASS else filt
 
 
-def shot_noise(scene, filt, rate, sigma, variant):
-    """White noise of the variance that these outliers have."""
-    return beside(filt, [0.0 * rate], [np.sqrt(rate) * sigma])
-
 
 BEFORE = "before the onset"    # a form of a change of noise, which has settled since
 
