@@ -361,9 +361,6 @@ CATALOGUE = {effect.name: effect for effect in (
            of_all=(("digital", "digital white noise"),
                    ("digital first order", "digital first order white noise"),
                    (processes.EXPONENTIAL, "first order")),
-           uneven=(("digital", "digital white noise"),
-                   ("digital first order", "digital first order white noise"),
-                   (processes.EXPONENTIAL, "first order")),
            parameters=lambda s: (_log("tau", 0.15 * s.dt, 50.0 * s.dt),),
            equation="the white noise v becomes V, tau dV/dt = v - V, or tau^2 d2V/dt2 "
                     "+ sqrt(2) tau dV/dt = v - V, sampled, with the density that v has "

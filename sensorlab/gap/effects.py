@@ -128,8 +128,6 @@ class Effect(NamedTuple):
                                 # or since, and of the same on the white noise alone
     alike: tuple = ()           # forms that are one a priori, as they are the same of
                                 # white noise
-    uneven: tuple = ()          # pairs of a form and of that which stands in for it
-                                # where what drives the hypothesis's own states changes
     before: tuple = ()          # forms of jumps that pass a low-pass that all passes,
                                 # and differ from others only where there is one
     elementwise: bool = False   # the model takes columns (M, 1) of M nodes, too

@@ -312,7 +312,7 @@ def _has_room(effect, acc):
     if not columns:
         return False
     richer = [h.with_effect(effect, column=columns[0]) for h in acc.hypotheses]
-    if richer[0].levels > 1 or not all(h.can_be_filtered for h in richer):
+    if not all(h.has_a_filter for h in richer):
         return False
     if max(h.order for h in richer) > MOST_STATES:
         return False

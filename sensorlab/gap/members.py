@@ -241,6 +241,11 @@ class Member(NamedTuple):
         return any(one.half > 0.0 or one.step > 0.0 for one in self._mean_jumps())
 
     @property
+    def has_a_filter(self):
+        """Does it have no more of all that changes than a filter takes?"""
+        return self.levels <= 1 and self.can_be_filtered
+
+    @property
     def low_pass_of_levels(self):
         """The effect, `Found`, that is a low-pass which a level that changes passes,
         and the numbers of its states, but for that of its noise, if it has one; None
@@ -274,10 +279,15 @@ class Member(NamedTuple):
         return any(one.louder > 0.0 and one.before for one in self._mean_jumps())
 
     def forms(self, effect):
-        """The forms of an effect that differ here; "" if it has but one."""
-        passes = any(one.acts_on_all for one in self.effects)
-        return [form for form in effect.variants or ("",)
-                if passes or form not in effect.before]
+        """The forms of an effect that differ here and may be joined; "" if it has but
+        one.
+        """
+        other = self._replace(effects=tuple(
+            one for one in self.effects if one.effect is not effect))
+        passes = ("", "sigma_v") in self.keys and any(
+            one.acts_on_all for one in self.effects)
+        return [form for form in effect.variants or ("",) if form not in effect.before
+                or passes and other.with_effect(effect, form).has_a_filter]
 
     def _mean_jumps(self):
         """`Jumps` of each effect that has them, at the middle of its parameters."""
@@ -360,13 +370,13 @@ class Member(NamedTuple):
 
 
 def with_even_forms(effects):
-    """Effects, those in a form that takes even noise in that which stands in for it, if
-    what drives the hypothesis's own states changes.
+    """Effects, those in a form that acts on all processes acting on the white noise
+    alone, if what drives the hypothesis's own states changes.
     """
     effects = tuple(effects)
     if not any(one.effect.drive and not one.effect.of_white for one in effects):
         return effects
-    return tuple(one._replace(variant=dict(one.effect.uneven).get(
+    return tuple(one._replace(variant=dict(one.effect.of_all).get(
         one.variant, one.variant)) for one in effects)
 
 

@@ -205,7 +205,6 @@ class Change(NamedTuple):
                           # Phi S Phi'
 
 
-
 def driven_bank(b, change, times):
     """A bank with a `Change` that is the same at all times, so many times (M,) the
     variance.
