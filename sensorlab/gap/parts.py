@@ -84,14 +84,14 @@ def _louder(scene, filt, times, plus):
 LOUDER = Effect("louder", model=_louder, drive=_louder, elementwise=True)
 
 
-def _of_louder(h, scene, theta, b, told, changes, times, plus):
-    """`Change` of a hypothesis at theta (M, p), of this bank and what is `told` of it,
-    where its white noise is `_louder`.
+def _of_louder(h, scene, theta, b, told, at, times, plus):
+    """`Change` of a hypothesis at theta (M, p), of the bank `b` and what is `told` of
+    it, where its white noise is `_louder`; `at` are its times.
     """
     other, _, its_told = _lean_bank(h._replace(effects=(*h.effects, Found(
         LOUDER, values=fixed(times=1.0, plus=0.0)))), scene, np.column_stack([
             theta, *(np.broadcast_to(v, len(theta)) for v in (times, plus))]))
-    return Change(changes, other.Q[:, 0] - b.Q[:, 0], other.P0 - b.P0, other.r - b.r,
+    return Change(at, other.Q[:, 0] - b.Q[:, 0], other.P0 - b.P0, other.r - b.r,
                   its_told - told)
 
 
@@ -196,7 +196,7 @@ class Change(NamedTuple):
     large add as many times, less one, to ...
     """
 
-    times: np.ndarray     # (M, N) or (M, 0)
+    times: np.ndarray     # (M, N); None if that is not known
     Q: np.ndarray         # (M, n, n) ... the covariance of the states' noises, ...
     P0: np.ndarray        # (M, n, n) ... that of the states at first, ...
     white: np.ndarray     # (M, 1) ... the variance of white noise, ...
@@ -285,9 +285,10 @@ class Parts(NamedTuple):
     own: np.ndarray     # (11, M, n) factors of a state and of the other one of its
                         # pair, variances of the noises and their covariances with that
                         # of the other, both of the states at first, what is added to
-                        # those of the noises, `rise` times, and what is, as many times
-                        # as that is more than before; by how much a level that changes
-                        # moves it, a unit, as one that steps does its own state
+                        # those of the noises, `rise` times, or once at the second
+                        # level, and what is, as many times as that is more than before;
+                        # by how much a level that changes moves it, a unit, as one that
+                        # steps does its own state
     pair: np.ndarray    # (n,) number of the other state, or its own
     h: np.ndarray       # (n,) what observes the states
     r: np.ndarray       # (M, 1 or N) variance of the white noise
