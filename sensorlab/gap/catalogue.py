@@ -183,7 +183,7 @@ MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no va
 
 CHANGES = "after the onset", processes.BEFORE
 RAMPS = "as simulated in the middle", processes.AT_FIRST, processes.AT_LAST
-ADDED = "", processes.BEFORE_LOW_PASS
+PLACES = "", processes.BEFORE_LOW_PASS
 VALUES = "value", processes.LEAST, processes.MOST
 
 
@@ -416,7 +416,7 @@ CATALOGUE = {effect.name: effect for effect in (
            resembles="random telegraph, bias step, correlated noise",
            experiment="look for what was switched on at the onset; record longer"),
     Effect("outliers", jumps=processes.outliers, model=processes.shot, elementwise=True,
-           variants=ADDED, alike=ADDED, before=ADDED[1:],
+           variants=PLACES, alike=PLACES, before=PLACES[1:],
            parameters=lambda s: (_log("rate", 1.0 / len(s.y), 0.1),
                                  _log("sigma", 2.0 * s.white,
                                       max(300.0 * s.white, 3.0 * s.leap))),
@@ -426,7 +426,7 @@ CATALOGUE = {effect.name: effect for effect in (
            experiment="log the raw bus: are they transmission errors? Those before a "
                       "low-pass are not: look for knocks"),
     Effect("noise_bursts", jumps=processes.noise_bursts,
-           variants=ADDED, alike=ADDED, before=ADDED[1:],
+           variants=PLACES, alike=PLACES, before=PLACES[1:],
            parameters=lambda s: (
                _log("quiet", MIN_BURST * s.dt, s.duration / 4.0),
                _log("duration", MIN_BURST * s.dt, s.duration / 10.0),

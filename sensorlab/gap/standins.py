@@ -45,18 +45,22 @@ def _with_louder(scene, filt, more, share):
     return filt._replace(Psi=filt.Psi * _louder_before(scene, more, share))
 
 
-def _louder(share, before):
-    """The effect of a noise that is there with a probability (N,): added to the output,
-    or to the white noise before a low-pass, as a part of its variance.
+def _bursts(member, theta, jumps, share):
+    """What stands for bursts of noise, of a hypothesis at theta (p,), that are there
+    with a probability (N,): variance of the output, or of the white noise before a
+    low-pass, as a part of what that has.
     """
-    if before:
-        return Effect("louder_at_times", model=functools.partial(
-            _with_louder, share=share), drive=functools.partial(
-            _louder_before, share=share), of_white=True, elementwise=True)
+    if jumps.before[0]:
+        return Found(Effect(
+            "louder_at_times", model=functools.partial(_with_louder, share=share),
+            drive=functools.partial(_louder_before, share=share), of_white=True,
+            elementwise=True), values=fixed(
+                more=jumps.louder[0] / member.white(theta[None])[0]**2))
     always, on_average = (functools.partial(_louder_at_times, share=part)
                           for part in (share, share.mean()))
-    return Effect("louder_at_times", model=always, on_average=on_average,
-                  elementwise=True, comes_last=True)
+    return Found(Effect("louder_at_times", model=always, on_average=on_average,
+                        elementwise=True, comes_last=True), values=fixed(
+                            variance=jumps.louder[0]))
 
 
 def gaussian(scene, acc):
@@ -77,8 +81,8 @@ def _gaussian(scene, acc, seen):
     """`gaussian` of an account that has jumps, by what its filter has `seen`."""
     masked = scene._replace(y=np.where(seen.odd[0, 0] > 0.5, np.nan, scene.y))
     plain, own = [], acc.member.jumps(acc.theta[None])
-    before, white = own.before[0], acc.member.white
-    louder = _louder(on_second(seen, own), before) if own.louder[0] else None
+    bursts = _bursts(acc.member, acc.theta, own, on_second(seen, own)) if (
+        own.louder[0]) else None
     for h in acc.hypotheses:    # one that cannot be may not know what jumps
         effects = tuple(one for one in h.effects if not one.effect.jumps)
         if own.half[0] > 0.0:
@@ -86,10 +90,8 @@ def _gaussian(scene, acc, seen):
                                                            half=own.half[0])),)
         if own.step[0] > 0.0 and not own.before[0]:
             effects += (Found(STEPS_AS_WALK, values=fixed(sigma_w=own.sigma_w[0])),)
-        if louder:
-            effects += (Found(louder, values=fixed(
-                more=own.louder[0] / white(acc.theta[None])[0]**2) if before else fixed(
-                variance=own.louder[0])),)
+        if bursts:
+            effects += (bursts,)
         plain.append(h._replace(effects=effects))
     return masked, tuple(plain)
 
