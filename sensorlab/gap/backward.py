@@ -75,7 +75,7 @@ def solve(h, scene, signatures, theta, low_pass=None):
     y = np.where(np.isnan(scene.y), 0.0, scene.y)
     observed = 1.0 - np.isnan(scene.y)
     X = np.vstack([y, np.ones_like(y), *(s.columns.T for s in signatures)])
-    b, change, _ = bank_at(h, scene, theta)
+    b, change, *_ = bank_at(h, scene, theta)
     one = parts_of(h, b, change)
     w, shocks, log_det = adjoint(X, observed, one.h, one.own, one.pair, one.rise,
                                  one.r, low_pass.shock(scene.dt) if low_pass else STEP)

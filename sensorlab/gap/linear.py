@@ -182,7 +182,7 @@ def products(h, scene, y, columns, theta):
     R, c = len(y), len(columns)
     pairs = [(i, j) for i in range(R, R + c) for j in range(i)]
     rows[:, gap] = np.nan
-    b, change, _ = bank_at(h, scene, theta)
+    b, change, *_ = bank_at(h, scene, theta)
     sums = summed(b, parts_of(h, b, change), rows, pairs or None)
     result = np.empty((R, len(theta), c + 2, c + 2))
     result[..., -1, -1] = sums.information
@@ -234,7 +234,7 @@ def shared(h, scene, signatures, theta, gap):
     driven evenly.
     """
     columns = np.vstack([s.columns.T for s in signatures])
-    b, change, _ = bank_at(h, scene, theta)
+    b, change, *_ = bank_at(h, scene, theta)
     one, variance = parts_of(h, b, change), constants(h, signatures)
     w, *_ = adjoint(np.where(gap, 0.0, columns).copy(), 1.0 - gap, one.h, one.own,
                     one.pair, one.rise, one.r)

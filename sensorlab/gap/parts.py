@@ -35,7 +35,7 @@ def processes(h, scene, theta):
 
 def _on_average(h, scene, theta):
     """`processes` of few nodes."""
-    b, change, _ = bank_at(h, scene, theta)
+    b, change, *_ = bank_at(h, scene, theta)
     if change:
         b = driven_bank(b, change, change.times.mean(1))
     own = modes_of(h, b)
@@ -44,20 +44,22 @@ def _on_average(h, scene, theta):
 
 def bank_at(h, scene, theta):
     """`Bank` of a hypothesis at theta (M, p), its states driven evenly; the `Change` of
-    those that are not, or None; and which of the hypothesis's states (n,) it keeps.
+    those that are not, or None; and which of the hypothesis's states (n,) it keeps, and
+    what is told, as by `_lean_bank`.
     """
     even, evenly = h.evenly_driven(theta)
     b, kept, told = _lean_bank(even, scene, evenly)
     if not h.driven:
-        return b, None, kept
+        return b, None, kept, told
     times = h.strength(h.driven, theta)[:, :len(scene.y)]**2
     if h.driven.effect.of_white:
-        return b, _of_louder(even, scene, evenly, b, told, times, 2.0, 0.0), kept
+        louder = _of_louder(even, scene, evenly, b, told, times, 2.0, 0.0)
+        return b, louder, kept, told
     own = np.zeros(len(kept))
     own[h.states_driven(h.driven.effect)] = 1.0
     driven = np.outer(own[kept], own[kept])
     return b, Change(times, b.Q[:, 0] * driven, b.P0 * driven, np.zeros_like(b.r),
-                     np.zeros_like(b.P0)), kept
+                     np.zeros_like(b.P0)), kept, told
 
 
 def _lean_bank(h, scene, theta):
@@ -301,7 +303,7 @@ class Parts(NamedTuple):
 
 def parts_at(h, scene, theta):
     """`Parts` of a hypothesis at theta (M, p)."""
-    b, change, kept = bank_at(h, scene, theta)
+    b, change, kept, told = bank_at(h, scene, theta)
     one, at, seen = parts_of(h, b, change), np.cumsum(kept) - 1, np.ones(len(theta))
     low_pass, states = h.low_pass_of_levels
     if low_pass:
@@ -311,7 +313,6 @@ def parts_at(h, scene, theta):
     if h.moves_a_state:
         one.own[10][:, at[h.own_states]] = seen
     if h.is_louder_before:
-        b, _, told = _lean_bank(h, scene, theta)
         louder = _of_louder(h, scene, theta, b, told, None, 1.0, h.jumps(theta).louder)
         _add_changes(one, louder)
         one = one._replace(louder=louder.white[:, 0])
@@ -329,29 +330,30 @@ def parts_of(h, b, change=None):
     if not timeless or b.m0.any() or (b.H != b.H[0]).any() or joined.sum(1).max() > 1:
         raise _refusal(h)
     pair = np.where(joined.any(1), joined.argmax(1), np.arange(n))
-    beside = (pair != np.arange(n)) * 1.0
-    own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0)
-           for part in (m[:, range(n), range(n)], m[:, range(n), pair] * beside)]
+    own = [part for m in (b.Phi[:, 0], b.Q[:, 0], b.P0) for part in _paired(m, pair)]
     one = Parts(np.array([*own, *np.zeros((5, *own[0].shape))]), pair, b.H[0, 0], b.r)
     return _changing(one, h, change) if change else one
 
 
+def _paired(m, pair):
+    """Of matrices (M, n, n) the numbers (2, M, n) of every state with itself, and with
+    the other one of its pair.
+    """
+    states = np.arange(len(pair))
+    return np.array([m[:, states, states], m[:, states, pair] * (pair != states)])
+
+
 def _add_changes(one, change):
     """What a `Change` adds to the noises of `Parts`, into these."""
-    states = np.arange(len(one.pair))
-    beside = one.pair != states
-    for row, added in ((6, change.Q), (8, change.told)):
-        one.own[row] = added[:, states, states]
-        one.own[row + 1] = added[:, states, one.pair] * beside
+    one.own[6:8] = _paired(change.Q, one.pair)
+    one.own[8:10] = _paired(change.told, one.pair)
 
 
 def _changing(one, h, change):
     """`Parts` of states driven evenly with a `Change` of their noise."""
     _add_changes(one, change)
     if h.driven.effect.of_white:    # a low-pass was at rest with the noise at first
-        states, first = np.arange(len(one.pair)), change.times[:, :1] - 1.0
-        one.own[4] += first * change.P0[:, states, states]
-        one.own[5] += first * change.P0[:, states, one.pair] * (one.pair != states)
+        one.own[4:6] += (change.times[:, :1] - 1.0) * _paired(change.P0, one.pair)
     rise = change.times - 1.0
     return one._replace(rise=rise, r=one.r + change.white * rise
                         if change.white.any() else one.r)

@@ -367,7 +367,6 @@ def shot(scene, filt, rate, sigma, variant=""):
     return join(filt, (0.0, 0.0 * sigma, 0.0)) if variant == BEFORE_LOW_PASS else filt
 
 
-
 BEFORE = "before the onset"    # a form of a change of noise, which has settled since
 
 
