@@ -87,12 +87,11 @@ def covariance(Phi, Gamma, H, Psi, P0, n):
     states, noises = Gamma.shape[-2:]
     Gamma = np.broadcast_to(Gamma, (n, states, noises))
     rows = np.zeros((n, states + n * noises))
-    Phi_power = [np.linalg.matrix_power(Phi, i) for i in range(n + 1)]
+    seen = [H @ np.linalg.matrix_power(Phi, k) for k in range(n + 1)]
     for i in range(n):
-        rows[i, :states] = (H @ Phi_power[i + 1])[0]
-        for j in range(i + 1):
-            at = states + j * noises
-            rows[i, at:at + noises] = (H @ Phi_power[i - j] @ Gamma[j])[0]
+        rows[i, :states] = seen[i + 1][0]
+        of_each = np.array(seen[i::-1]) @ Gamma[:i + 1]    # of the noise at j: i - j ago
+        rows[i, states:states + (i + 1) * noises] = of_each.ravel()
     noise = np.eye(states + n * noises)
     noise[:states, :states] = P0
     return rows @ noise @ rows.T + Psi[0, 0]**2 * np.eye(n)

@@ -49,6 +49,7 @@ def test_what_is_typed_at_a_prompt_is_known_by_its_closure():
     assert one == again != other
 
 
+@pytest.mark.large
 def test_a_function_is_known_by_its_helpers_wherever_they_stand(tmp_path):
     code = """
         import helper

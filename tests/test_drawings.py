@@ -35,14 +35,14 @@ def check(fig):
     whole = fig.get_window_extent(renderer)
     shown = [t for t in fig.findobj(lambda a: hasattr(a, "get_text"))
              if t.get_visible() and t.get_text().strip()]
+    ticks = [t for ax in fig.axes for axis in (ax.xaxis, ax.yaxis)
+             for t in axis.get_ticklabels(which="both")]
     for text in shown:
         box = text.get_window_extent(renderer)
         if not box.width:
             continue    # a tick beyond the limits
         inside = whole.x0 - 1 <= box.x0 and box.x1 <= whole.x1 + 1
-        tick = any(text in axis.get_ticklabels(which="both") for ax in fig.axes
-                   for axis in (ax.xaxis, ax.yaxis))
-        assert tick or inside and box.y0 >= -1 and box.y1 <= whole.y1 + 1, text
+        assert text in ticks or inside and box.y0 >= -1 and box.y1 <= whole.y1 + 1, text
         assert "$" not in text.get_text() and "\\" not in text.get_text()
     for ax in fig.axes:
         for label in (ax.get_xlabel(), ax.get_ylabel()):

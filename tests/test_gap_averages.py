@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import thorough
+from conftest import large, thorough
 from numpy.testing import assert_allclose
 from scipy import signal
 
@@ -53,10 +53,10 @@ def test_an_average_is_seen(n):
     assert averaged_over(y).taps == (n if n <= 3299 // 40 else 0)
 
 
-@pytest.mark.parametrize("n, counts", [
-    (n, counts) for n in (3, 4, 8, 16, 32)
-    for counts in (0.02, 0.2, 16.0 / (n + 16.0))])
+@pytest.mark.parametrize("counts", [0.02, 0.2, None])
+@pytest.mark.parametrize("n", [3, thorough(4), 8, thorough(16), 32])
 def test_an_average_that_was_rounded_is_seen(n, counts):
+    counts = counts or 16.0 / (n + 16.0)
     lsb = counts / np.sqrt(n)
     for seed in range(3):
         y = lsb * np.round(mean_of(raw(seed, 4000 + n), n) / lsb)
@@ -133,7 +133,7 @@ def test_the_reading_is_the_mean_of_a_window_that_ends_with_the_sample():
 
 
 @pytest.mark.parametrize("effect, n", [
-    ("none", 10), ("bias_step", 5), *(
+    ("none", 10), large("bias_step", 5), *(
         thorough(effect, n) for n in (5, 20) for effect in (
             "sinusoid", "outliers", "random_telegraph", "noise_step",
             "quantization"))])
@@ -176,9 +176,11 @@ def test_what_went_through_an_average_that_was_rounded_is_named(effect, n):
     assert d.closure.closed > 0.98
 
 
-@pytest.mark.parametrize("counts", [0.0, 0.1])
-@pytest.mark.parametrize("n, verdict, factor", [
-    (5, "none", None), (8, "wrong_parameter", 1.6), (1, "wrong_parameter", 0.2)])
+@pytest.mark.parametrize("n, verdict, factor, counts", [
+    (5, "none", None, 0.1), (8, "wrong_parameter", 1.6, 0.0),
+    large(1, "wrong_parameter", 0.2, 0.1), *(thorough(*others) for others in (
+        (5, "none", None, 0.0), (8, "wrong_parameter", 1.6, 0.1),
+        (1, "wrong_parameter", 0.2, 0.0)))])
 def test_an_average_of_the_simulator_is_held_against_a_record(
         n, verdict, factor, counts):
     def record(seed, n):

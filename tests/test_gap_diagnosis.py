@@ -403,7 +403,7 @@ def test_a_wrong_parameter_is_named_once():
     ("narrow_band_noise", "", dict(frequency=0.19, tau=20.0, sigma=0.4)),
     ("bandwidth", "second order", dict(tau=0.7)),
     ("bandwidth", "digital first order", dict(tau=1.5)),
-    ("blue_noise", "", dict(tau=1.0, sigma=0.8)),
+    large("blue_noise", "", dict(tau=1.0, sigma=0.8)),
     large("narrow_band_noise", "", dict(frequency=0.02, tau=100.0, sigma=0.5)),
     large("correlated_noise", "", dict(tau=6.0, sigma=0.5)),
     thorough("bandwidth", "first order", dict(tau=0.7)),

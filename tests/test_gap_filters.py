@@ -151,7 +151,7 @@ def test_unrolled_mixture_filters_are_the_general_ones(short, names, monkeypatch
                 assert_allclose(part, expected, rtol=1e-9, atol=1e-11)
 
 
-@pytest.mark.parametrize("missing", [0, 3])
+@pytest.mark.parametrize("missing", [0, large(3)])
 @pytest.mark.parametrize("first, bias, off", [
     ([0.3], 3.0, 1.0), ([40.0], 3.0, 1.0), ([40.0], 50.0, 1.0),
     ([40.0, 40.0], 50.0, 4.0), ([-40.0, 30.0], 50.0, 4.0)])

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from conftest import large, paper_case, thorough
+from conftest import paper_case, thorough
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.stats import kstest
@@ -65,7 +65,7 @@ def dense(h, dt, Y, nodes):
 
 @pytest.mark.parametrize("number, samples, nodes", [
     (1, 300, {1: 4000, 2: 400}), (2, 1000, {1: 4000, 2: 250}),
-    large(3, 1000, {2: 400, 3: 75})])
+    thorough(3, 1000, {2: 400, 3: 75})])
 def test_zoomed_posterior_equals_a_dense_grid(number, samples, nodes):
     H = paper_case(number)
     Y = s.simulate(H, 0.1, samples, 12, seed=20 + number).error
