@@ -90,7 +90,7 @@ def covariance(Phi, Gamma, H, Psi, P0, n):
     seen = [H @ np.linalg.matrix_power(Phi, k) for k in range(n + 1)]
     for i in range(n):
         rows[i, :states] = seen[i + 1][0]
-        of_each = np.array(seen[i::-1]) @ Gamma[:i + 1]    # of the noise at j: i - j ago
+        of_each = np.array(seen[i::-1]) @ Gamma[:i + 1]    # i - j ago
         rows[i, states:states + (i + 1) * noises] = of_each.ravel()
     noise = np.eye(states + n * noises)
     noise[:states, :states] = P0

@@ -52,6 +52,25 @@ def test_what_is_far_from_all_that_a_sensor_gives_is_lost(lsb):
         assert_array_equal(dropouts(np.where(LOST, value, y)).own, LOST)
 
 
+@pytest.mark.parametrize("spells", [[(700, 9)], [(700, 8), (2900, 11)]])
+@pytest.mark.parametrize("lsb", [0.0, 0.04, 0.3])
+def test_a_single_spell_far_from_all_that_a_sensor_gives_is_lost(lsb, spells):
+    """A sensor that is stuck is so where it was: the first sample is lost, too."""
+    y = counts(WHITE, lsb) + 900.0 if lsb else WHITE + 900.0
+    for start, many in spells:
+        y[start:start + many] = 0.0
+    assert_array_equal(dropouts(y).own, y == 0.0)
+    for held in (0.0, y[:400].min()):    # once a sample, or as near as it may be
+        few = np.append(y[y > 0.0], [held] * (1 + (held > 0.0) * 6))
+        assert not dropouts(few).own.any()
+
+
+def with_a_knock(y):
+    y = y.copy()
+    y[1000:1006] = 60.0
+    return y
+
+
 def level(seed, size):
     change = np.random.default_rng(seed).random(N) < 0.01
     return size * (np.cumsum(change) % 2)
@@ -73,7 +92,10 @@ def stuck(y):
     *(counts(level(2, 20.0) + sigma * WHITE, lsb)    # of two levels that are one code
       for sigma in (0.02, 0.5) for lsb in (0.1, 1.0, 3.0)), level(2, 20.0),
     np.clip(np.where(LOST, 50.0 * WHITE[::-1], WHITE), -60.0, 60.0),
-    np.repeat(WHITE[:N // 4], 4), stuck(WHITE), np.where(LOST, np.nan, WHITE)])
+    np.repeat(WHITE[:N // 4], 4), np.repeat(with_a_knock(WHITE)[:N // 4], 4),
+    np.repeat(np.append(WHITE[:N // 8], 60.0), 8),    # as often as any other
+    counts(with_a_knock(0.0 * TIME + 1.0) + 0.2 * WHITE, 1.0),
+    stuck(WHITE), np.where(LOST, np.nan, WHITE)])
 def test_what_a_sensor_gives_is_no_dropout(y):
     assert not dropouts(y).own.any()
 

@@ -18,7 +18,8 @@ class Dropouts(NamedTuple):
 
 
 MOST = 0.5         # of the samples: what is most of a record is no dropout
-FEWEST_RUNS = 3    # of samples that are the constant
+FEWEST_RUNS = 3    # of samples that are the constant, or samples of fewer runs that are
+                   # farther from all others than these from each other
 FAR = 5.0          # times the white noise, or counts, from all others
 CODES = 100.0      # counts from all others, where these are coarser than the noise
 NEAR = 0.5         # of the white noise, to values that the sensor may as well give
@@ -87,21 +88,26 @@ def _is_no_code(away, lsb):
 def _is_alien(value, others, own):
     """Is a value none that the sensor gave, by all others of the record?"""
     count, away = len(runs(own)[0]), others - value
-    if count < FEWEST_RUNS or len(others) < FEWEST:
+    if own.sum() < FEWEST_RUNS or len(others) < FEWEST:
         return False
-    lsb, apart = lattice(others), np.abs(away).min()
+    lsb, apart, whole = lattice(others), np.abs(away).min(), np.ptp(others)
+    few, held = count < FEWEST_RUNS, 0.0
+    if few:    # what is held tells: as many more are equal
+        if apart <= whole:
+            return False
+        count, held = own.sum() - count, np.mean(np.diff(others) == 0.0)
     # that of most: other wrong words may be left
     noise = less_rounding(
         np.median(np.abs(np.diff(others))) / (np.sqrt(2.0) * NORMAL_MEDIAN), lsb)
-    if lsb > noise and apart > CODES * lsb:
+    if lsb > noise and apart > CODES * lsb and not few:
         return True
     if not noise > 0.0:
         return False
     if apart > FAR * max(noise, lsb):    # noise would spread it over more codes
-        of_one = erf(lsb / (2.0 * np.sqrt(2.0) * noise))
+        of_one = max(erf(lsb / (2.0 * np.sqrt(2.0) * noise)), held)
         return bool(count * np.log(of_one + ALMOST_NEVER) < -CERTAIN and (
-            count >= FEWEST or apart > np.ptp(others)))
-    return _is_met_too_often(value, others, lsb, noise, count)
+            count >= FEWEST or apart > whole))
+    return not few and _is_met_too_often(value, others, lsb, noise, count)
 
 
 def _is_out_of_reach(y, own):
