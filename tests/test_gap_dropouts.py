@@ -52,17 +52,18 @@ def test_what_is_far_from_all_that_a_sensor_gives_is_lost(lsb):
         assert_array_equal(dropouts(np.where(LOST, value, y)).own, LOST)
 
 
-@pytest.mark.parametrize("spells", [[(700, 9)], [(700, 8), (2900, 11)]])
+@pytest.mark.parametrize("value, spells", [
+    (0.0, [(700, 2)]), (0.0, [(700, 1), (2900, 1)]), (0.0, [(700, 8), (2900, 11)]),
+    (-9999.0, [(700, 9)]), (-9999.0, [(700, 8), (2900, 11)])])
 @pytest.mark.parametrize("lsb", [0.0, 0.04, 0.3])
-def test_a_single_spell_far_from_all_that_a_sensor_gives_is_lost(lsb, spells):
+def test_few_spells_far_from_all_that_a_sensor_gives_are_lost(lsb, value, spells):
     """A sensor that is stuck is so where it was: the first sample is lost, too."""
     y = counts(WHITE, lsb) + 900.0 if lsb else WHITE + 900.0
     for start, many in spells:
-        y[start:start + many] = 0.0
-    assert_array_equal(dropouts(y).own, y == 0.0)
-    for held in (0.0, y[:400].min()):    # once a sample, or as near as it may be
-        few = np.append(y[y > 0.0], [held] * (1 + (held > 0.0) * 6))
-        assert not dropouts(few).own.any()
+        y[start:start + many] = value
+    assert_array_equal(dropouts(y).own, y == value)
+    for others in ([value], [value + 0.3, value - 0.6], [y[:400].min()] * 7):
+        assert not dropouts(np.append(y[y != value], others)).own.any()
 
 
 def with_a_knock(y):

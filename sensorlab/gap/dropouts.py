@@ -18,8 +18,9 @@ class Dropouts(NamedTuple):
 
 
 MOST = 0.5         # of the samples: what is most of a record is no dropout
-FEWEST_RUNS = 3    # of samples that are the constant, or samples of fewer runs that are
-                   # farther from all others than these from each other
+FEWEST_RUNS = 3    # of samples that are the constant; of fewer, if it is farther from
+                   # all others than these from each other, samples tell
+FEWEST_EQUAL = 2   # samples
 FAR = 5.0          # times the white noise, or counts, from all others
 CODES = 100.0      # counts from all others, where these are coarser than the noise
 NEAR = 0.5         # of the white noise, to values that the sensor may as well give
@@ -35,7 +36,7 @@ def dropouts(y):
     if the sensor hardly gave it.
     """
     values, times = np.unique(y[~np.isnan(y)], return_counts=True)
-    if len(values) and times.max() >= FEWEST_RUNS:
+    if len(values) and times.max() >= FEWEST_EQUAL:
         most = times.argmax()
         between = times[1:-1].argmax() + 1 if len(times) > 2 else most
         tried = [values[0], values[-1], 0.0, values[most], values[between]]
@@ -45,7 +46,7 @@ def dropouts(y):
             tried.insert(0, values[odd.argmax()])    # beside it, codes seem odd
         for value in tried:
             own = y == value
-            if own.mean() < MOST and (_is_alien(value, y[~own & ~np.isnan(y)], own)
+            if FEWEST_EQUAL <= own.sum() < MOST * len(y) and (_is_alien(value, y[~own & ~np.isnan(y)], own)
                                       or value == 0.0 and _is_out_of_reach(y, own)):
                 return Dropouts(own, float(value) + 0.0)    # not -0
     return Dropouts(np.zeros(len(y), bool))
@@ -88,26 +89,39 @@ def _is_no_code(away, lsb):
 def _is_alien(value, others, own):
     """Is a value none that the sensor gave, by all others of the record?"""
     count, away = len(runs(own)[0]), others - value
-    if own.sum() < FEWEST_RUNS or len(others) < FEWEST:
+    if len(others) < FEWEST:
         return False
-    lsb, apart, whole = lattice(others), np.abs(away).min(), np.ptp(others)
-    few, held = count < FEWEST_RUNS, 0.0
-    if few:    # what is held tells: as many more are equal
-        if apart <= whole:
-            return False
-        count, held = own.sum() - count, np.mean(np.diff(others) == 0.0)
+    lsb, apart = lattice(others), np.abs(away).min()
     # that of most: other wrong words may be left
     noise = less_rounding(
         np.median(np.abs(np.diff(others))) / (np.sqrt(2.0) * NORMAL_MEDIAN), lsb)
-    if lsb > noise and apart > CODES * lsb and not few:
+    if count < FEWEST_RUNS and value == 0.0:
+        return _is_no_jump(apart, np.ptp(others), lsb, own.sum())
+    if lsb > noise and apart > CODES * lsb and count >= FEWEST_RUNS:
         return True
     if not noise > 0.0:
         return False
     if apart > FAR * max(noise, lsb):    # noise would spread it over more codes
-        of_one = max(erf(lsb / (2.0 * np.sqrt(2.0) * noise)), held)
-        return bool(count * np.log(of_one + ALMOST_NEVER) < -CERTAIN and (
-            count >= FEWEST or apart > whole))
-    return not few and _is_met_too_often(value, others, lsb, noise, count)
+        of_one = erf(lsb / (2.0 * np.sqrt(2.0) * noise))
+        if count < FEWEST_RUNS:    # of each it may be stuck at an outlier
+            held = max(of_one, np.mean(np.diff(others) == 0.0))
+            return bool(apart > np.ptp(others) and _by_chance(
+                own.sum() - count, held) < -CERTAIN)
+        return bool(_by_chance(count, of_one) < -CERTAIN and (
+            count >= FEWEST or apart > np.ptp(others)))
+    return count >= FEWEST_RUNS and _is_met_too_often(value, others, lsb, noise, count)
+
+
+def _by_chance(count, share):
+    """Log-likelihood of so many, of such a share each."""
+    return count * np.log(share + ALMOST_NEVER)
+
+
+def _is_no_jump(apart, whole, lsb, count):
+    """Are so many samples, so far from the whole of all others, just 0 by no chance?
+    What jumps there would be anywhere.
+    """
+    return apart > whole and bool(_by_chance(count, lsb / apart) < -CERTAIN)
 
 
 def _is_out_of_reach(y, own):
