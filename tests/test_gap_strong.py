@@ -77,6 +77,14 @@ def test_what_a_log_begins_or_ends_with_is_an_outlier(at, size):
     assert diagnosed(more).verdict == "outliers"
 
 
+@pytest.mark.parametrize("at", [60, thorough(N - 60)])
+def test_a_sample_is_an_outlier_however_far_off_it_is(at):
+    """A normal score ends at 37, by which two steps seem likelier."""
+    more = np.zeros(N)
+    more[at] = -1000.0
+    assert diagnosed(more).verdict == "outliers"
+
+
 @pytest.mark.parametrize("gap", [slice(0, 900), large(slice(800, 1300))])
 def test_one_odd_sample_after_a_gap_is_no_rest_of_something_beyond_measure(gap):
     odd = np.zeros(N)

@@ -13,7 +13,7 @@ from sensorlab.gap.account import Account, account, mean_evidence
 from sensorlab.gap.catalogue import CATALOGUE, columns_for
 from sensorlab.gap.changes import onset_law
 from sensorlab.gap.costs import say
-from sensorlab.gap.filters import log_likelihoods, predict
+from sensorlab.gap.filters import SCORE_LIMIT, log_likelihoods, predict
 from sensorlab.gap.guesses import guesses_from
 from sensorlab.gap.kernels.mixtures import odd_at_first
 from sensorlab.gap.kernels.steps import RECENT
@@ -206,6 +206,8 @@ def _told_by_screens(inside, effects):
                                      reference.hypotheses], plain, reference)
         if effect.name == "outliers" and len(odd_at_first(scene.y[None])):
             return np.inf    # to a filter that takes it for the level, others are odd
+        if np.nanmax(np.abs(z), initial=0.0) >= SCORE_LIMIT:
+            return np.inf    # it tells too little of how far off a sample is
         about = screened(effect, scene, z, variance)
         if effect.name == "outliers" and any(
                 one.effect.of_all for one in acc.member.effects):
