@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import DT, MODEL, dense, large, member
+from conftest import DT, MODEL, WHITE_OF_A_RANGE, dense, large, member
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import integrate as quadrature
 from scipy.fft import next_fast_len
@@ -60,12 +60,13 @@ def test_gain_of_a_sinusoid_is_that_of_least_squares():
     gain = np.concatenate([part.gain for part in parts])
     inverse = np.linalg.inv(dense(theta[0], 400))
     slow = round(scans.EXACT_CYCLES * scans.PADDING)
-    for i in (10, 50, slow + 10, 300):    # above, that of a long record: to 2 %
+    for i in (10, 50, slow + 10, 300, len(psi) - 3):    # but at the ends, that of a
+                                                         # long record: to 2 %
         phase = 2 * np.pi * psi[i] * scene.time
         s = np.column_stack([np.cos(phase), np.sin(phase)])
         b = s.T @ inverse @ y
         assert_allclose(gain[i], b @ np.linalg.solve(s.T @ inverse @ s, b),
-                        rtol=1e-6 if i < 60 else 0.04)
+                        rtol=1e-6 if i < 60 or i > 900 else 0.04)
 
 
 def shape_of(variant, since, duration):
@@ -492,6 +493,19 @@ def test_a_sinusoid_is_known_as_well_as_its_bound_says(amplitude):
     bound = np.sqrt(24.0 / N**3) / amplitude / (2.0 * np.pi)
     assert_allclose(sd, bound, rtol=0.1)
     assert abs(mean - frequency) < 4.0 * bound
+
+
+@pytest.mark.parametrize("below", [0.0, 0.6])    # half the rate, cycles in the record
+def test_a_line_at_half_the_sampling_rate_is_one(below):
+    """There a sine is 0 at every sample, and the line is its own alias."""
+    t = np.arange(3000)
+    y = np.random.default_rng(5).standard_normal(3000) + 0.25 * np.cos(
+        2.0 * np.pi * (0.5 - below / 3000) * t + 0.3)
+    d = sensorlab.diagnose(y, 1.0, WHITE_OF_A_RANGE)
+    assert d.verdict == "sinusoid" and d.after.p_value > 0.01
+    frequency, amplitude = d.found[0].values.values()
+    assert abs(frequency[0] - 0.5) < 2.0 / 3000
+    assert abs(amplitude[0] - 0.25) < 3.0 * amplitude[1] < 0.15
 
 
 @pytest.mark.large

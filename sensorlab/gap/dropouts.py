@@ -46,8 +46,9 @@ def dropouts(y):
             tried.insert(0, values[odd.argmax()])    # beside it, codes seem odd
         for value in tried:
             own = y == value
-            if FEWEST_EQUAL <= own.sum() < MOST * len(y) and (_is_alien(value, y[~own & ~np.isnan(y)], own)
-                                      or value == 0.0 and _is_out_of_reach(y, own)):
+            if FEWEST_EQUAL <= own.sum() < MOST * len(y) and (
+                    _is_alien(value, y[~own & ~np.isnan(y)], own)
+                    or value == 0.0 and _is_out_of_reach(y, own)):
                 return Dropouts(own, float(value) + 0.0)    # not -0
     return Dropouts(np.zeros(len(y), bool))
 

@@ -47,6 +47,8 @@ PADDING = 4    # frequencies per 1 / T, at least
 
 EXACT_CYCLES = 20    # in a record: below, its ends count, and the spectrum of a walk
                      # is no measure of the information
+NEAR_HALF = 2        # cycles below half the sampling rate: there a line and its alias
+                     # are nearly one, which each by itself tells
 
 
 def _padded(scene):
@@ -59,7 +61,7 @@ def _frequency_scan(scene, family, one):
     between them by interpolation; above by the spectrum.
     """
     N, n = len(scene.y), _padded(scene)
-    line, last = np.fft.rfft(one.residual, n), n // 2 + 1 - PADDING
+    line, last = np.fft.rfft(one.residual, n), n // 2 + 1 - NEAR_HALF * n // N
     first, split = (min(-(-cycles * n // N), last) for cycles in (
         MIN_CYCLES, EXACT_CYCLES))
 
@@ -82,6 +84,8 @@ def _frequency_scan(scene, family, one):
             _line_information(turn, share[0] * count, own.a, own.q, own.r, spectral)
         part = line[:, begin:end]
         yield found((part.real**2 + part.imag**2) / spectral, begin)
+    fast = np.arange(last, n // 2 + 1) / (n * scene.dt)
+    yield found(scores_at(scene, family, one, fast.tolist()).gain, last)
 
 
 def _interpolated(x, at, value):

@@ -91,8 +91,13 @@ def transient(scene, x, psi):
     yield "", np.exp(-scene.time / psi)[:, None]
 
 
+AS_HALF = 0.25    # cycles in a record below half its rate: a line there is one at half
+
+
 def cosine_and_sine(scene, x, psi):
     N = len(scene.y)
+    half = 0.5 / scene.dt
+    psi = half if (half - psi) * scene.duration < AS_HALF else psi    # it has no sine
     turn, count = 2j * np.pi * psi * scene.dt, math.isqrt(N) + 1
     # exp of a sum is a product: two short tables make all of it
     wave = np.outer(np.exp(turn * count * np.arange(-(-N // count))),
