@@ -558,4 +558,5 @@ FAMILIES = (    # effects that a record may show to be one of them, but not whic
     ("ringing", "vibration_burst"),
     ("rate_ramp", "second_order_drift", "turn_on_transient"),
     ("noise_step", "noise_ramp", "noise_sensitivity"),
-    ("random_walk", "correlated_noise", "bias_instability", "random_telegraph"))
+    ("random_walk", "correlated_noise", "bias_instability", "random_telegraph",
+     "random_steps"))
