@@ -3,6 +3,7 @@
 import numpy as np
 
 from sensorid import Parameter, as_hypotheses, simulate
+from sensorlab.gap import shapes
 from sensorlab.gap.effects import Jumps, signature_of
 from sensorlab.gap.lowpass import low_pass_of, low_pass_of_white
 from sensorlab.gap.members import Simulator, members
@@ -42,9 +43,13 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
                       low_pass, scene.dt)
         for one in effects:
             if one.effect.columns:
-                y += signature_of(scene, one, {
-                    symbol: p.quantile(rng.random()) if isinstance(p, Parameter) else p
-                    for symbol, p in one.values.items()})
+                value = {symbol: p.quantile(rng.random()) if isinstance(p, Parameter)
+                         else p for symbol, p in one.values.items()}
+                phase = value.get("phase")
+                if phase is not one.values.get("phase") and shapes.is_at_half(
+                        scene, value["frequency"]):
+                    value["phase"] = np.pi * round(abs(phase) / np.pi)    # a sign
+                y += signature_of(scene, one, value)
     for number, (_, effects) in enumerate(simulator.pairs):
         # a converter has its codes before these are rounded to whole ones, and all is
         # read before it is interpolated, or averaged, but for a mean that is rounded

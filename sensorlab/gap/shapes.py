@@ -91,13 +91,17 @@ def transient(scene, x, psi):
     yield "", np.exp(-scene.time / psi)[:, None]
 
 
-AS_HALF = 0.25    # cycles in a record below half its rate: a line there is one at half
+NO_OTHER = 0.25    # cycles in a record from half its rate: a line there is as one at
+                   # half, which has no sine
+
+
+def is_at_half(scene, frequency):
+    """Is a line of that frequency as one at half the sampling rate?"""
+    return abs(0.5 / scene.dt - frequency) * scene.duration < NO_OTHER
 
 
 def cosine_and_sine(scene, x, psi):
-    N = len(scene.y)
-    half = 0.5 / scene.dt
-    psi = half if (half - psi) * scene.duration < AS_HALF else psi    # it has no sine
+    N, psi = len(scene.y), 0.5 / scene.dt if is_at_half(scene, psi) else psi
     turn, count = 2j * np.pi * psi * scene.dt, math.isqrt(N) + 1
     # exp of a sum is a product: two short tables make all of it
     wave = np.outer(np.exp(turn * count * np.arange(-(-N // count))),
