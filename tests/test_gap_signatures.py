@@ -15,6 +15,8 @@ from figures import hostile
 from sensorlab import CATALOGUE, Effect, Scene
 from sensorlab.gap import backward, directed, evidence, onsets, scans, signatures
 from sensorlab.gap.account import account
+from sensorlab.gap.augmented import ANY_PHASE
+from sensorlab.gap.effects import Found, fixed
 from sensorlab.gap.shapes import lagged
 
 
@@ -506,10 +508,16 @@ def test_a_line_at_half_the_sampling_rate_is_one(below):
     frequency, amplitude = d.found[0].values.values()
     assert abs(frequency[0] - 0.5) < 2.0 / 3000
     assert abs(amplitude[0] - 0.25) < 3.0 * amplitude[1] < (0.5 if below else 0.15)
-    model, (level, *_) = sensorlab.augmented(d), amplitude
-    drawn = sensorlab.simulate_effects(model, Scene(np.zeros(3000), 1.0, {}), 20).error
-    mean = np.abs(drawn @ (-1.0)**t) / 3000    # of a sign alone it is never nothing
-    assert below or (np.abs(mean - level) < 6.0 * amplitude[1]).all()
+
+
+def test_a_line_at_half_the_sampling_rate_is_drawn_with_a_sign():
+    line = Found(CATALOGUE["sinusoid"], values={
+        **fixed(frequency=0.5, amplitude=0.25), "phase": ANY_PHASE})
+    drawn = sensorlab.simulate_effects(sensorlab.Simulator(
+        WHITE_OF_A_RANGE, ((line,),)), Scene(np.zeros(3000), 1.0, {}), 20, seed=1).error
+    size = drawn @ (-1.0)**np.arange(3000) / 3000
+    assert_allclose(np.abs(size), 0.25, atol=5.0 * 2.0 / np.sqrt(3000))
+    assert size.min() < 0.0 < size.max()
 
 
 @pytest.mark.large

@@ -3,10 +3,10 @@
 import numpy as np
 
 from sensorid import Parameter, as_hypotheses, simulate
-from sensorlab.gap import shapes
 from sensorlab.gap.effects import Jumps, signature_of
 from sensorlab.gap.lowpass import low_pass_of, low_pass_of_white
 from sensorlab.gap.members import Simulator, members
+from sensorlab.gap.shapes import is_at_half
 
 
 def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
@@ -46,7 +46,7 @@ def simulate_effects(simulator, scene, trials=1, seed=0, first=0):
                 value = {symbol: p.quantile(rng.random()) if isinstance(p, Parameter)
                          else p for symbol, p in one.values.items()}
                 phase = value.get("phase")
-                if phase is not one.values.get("phase") and shapes.is_at_half(
+                if phase is not one.values.get("phase") and is_at_half(
                         scene, value["frequency"]):
                     value["phase"] = np.pi * round(abs(phase) / np.pi)    # a sign
                 y += signature_of(scene, one, value)
