@@ -96,6 +96,7 @@ def stuck(y):
     np.repeat(WHITE[:N // 4], 4), np.repeat(with_a_knock(WHITE)[:N // 4], 4),
     np.repeat(np.append(WHITE[:N // 8], 60.0), 8),    # as often as any other
     counts(with_a_knock(0.0 * TIME + 1.0) + 0.2 * WHITE, 1.0),
+    *(counts(20.0 * (TIME > at) + 0.15 * WHITE, 1.0) for at in (1.0, 15.0)),
     stuck(WHITE), np.where(LOST, np.nan, WHITE)])
 def test_what_a_sensor_gives_is_no_dropout(y):
     assert not dropouts(y).own.any()

@@ -18,9 +18,9 @@ class Dropouts(NamedTuple):
 
 
 MOST = 0.5         # of the samples: what is most of a record is no dropout
-FEWEST_RUNS = 3    # of samples that are the constant; of fewer, if it is farther from
-                   # all others than these from each other, samples tell
-FEWEST_EQUAL = 2   # samples
+FEWEST_EQUAL = 2   # samples that are the constant
+FEWEST_RUNS = 3    # of these, unless it is farther from all others than these from each
+                   # other
 FAR = 5.0          # times the white noise, or counts, from all others
 CODES = 100.0      # counts from all others, where these are coarser than the noise
 NEAR = 0.5         # of the white noise, to values that the sensor may as well give
@@ -46,8 +46,9 @@ def dropouts(y):
             tried.insert(0, values[odd.argmax()])    # beside it, codes seem odd
         for value in tried:
             own = y == value
+            others = y[~own & ~np.isnan(y)]
             if FEWEST_EQUAL <= own.sum() < MOST * len(y) and (
-                    _is_alien(value, y[~own & ~np.isnan(y)], own)
+                    _is_alien(value, others, own) or _is_far_off(value, others, own)
                     or value == 0.0 and _is_out_of_reach(y, own)):
                 return Dropouts(own, float(value) + 0.0)    # not -0
     return Dropouts(np.zeros(len(y), bool))
@@ -90,39 +91,50 @@ def _is_no_code(away, lsb):
 def _is_alien(value, others, own):
     """Is a value none that the sensor gave, by all others of the record?"""
     count, away = len(runs(own)[0]), others - value
-    if len(others) < FEWEST:
+    if count < FEWEST_RUNS or len(others) < FEWEST:
         return False
     lsb, apart = lattice(others), np.abs(away).min()
-    # that of most: other wrong words may be left
-    noise = less_rounding(
-        np.median(np.abs(np.diff(others))) / (np.sqrt(2.0) * NORMAL_MEDIAN), lsb)
-    if count < FEWEST_RUNS and value == 0.0:
-        return _is_no_jump(apart, np.ptp(others), lsb, own.sum())
-    if lsb > noise and apart > CODES * lsb and count >= FEWEST_RUNS:
+    noise = _noise_of_most(others, lsb)
+    if lsb > noise and apart > CODES * lsb:
         return True
     if not noise > 0.0:
         return False
     if apart > FAR * max(noise, lsb):    # noise would spread it over more codes
-        of_one = erf(lsb / (2.0 * np.sqrt(2.0) * noise))
-        if count < FEWEST_RUNS:    # of each it may be stuck at an outlier
-            held = max(of_one, np.mean(np.diff(others) == 0.0))
-            return bool(apart > np.ptp(others) and _by_chance(
-                own.sum() - count, held) < -CERTAIN)
-        return bool(_by_chance(count, of_one) < -CERTAIN and (
+        return bool(count * np.log(_on_one_code(lsb, noise)) < -CERTAIN and (
             count >= FEWEST or apart > np.ptp(others)))
-    return count >= FEWEST_RUNS and _is_met_too_often(value, others, lsb, noise, count)
+    return _is_met_too_often(value, others, lsb, noise, count)
 
 
-def _by_chance(count, share):
-    """Log-likelihood of so many, of such a share each."""
-    return count * np.log(share + ALMOST_NEVER)
-
-
-def _is_no_jump(apart, whole, lsb, count):
-    """Are so many samples, so far from the whole of all others, just 0 by no chance?
-    What jumps there would be anywhere.
+def _is_far_off(value, others, own):
+    """Is a value of few runs farther from all others than these from each other, and
+    met more often than by chance? What is odd once, a sensor may be stuck at for a
+    while; what jumps as far is at 0 hardly ever.
     """
-    return apart > whole and bool(_by_chance(count, lsb / apart) < -CERTAIN)
+    count = len(runs(own)[0])
+    if count >= FEWEST_RUNS or len(others) < FEWEST:
+        return False
+    apart = np.abs(others - value).min()
+    if not apart > np.ptp(others):
+        return False
+    lsb = lattice(others)
+    noise = _noise_of_most(others, lsb)
+    if lsb > noise or not apart > FAR * noise > 0.0:    # it may be a level
+        return False
+    if value == 0.0:
+        return bool(own.sum() * np.log(lsb / apart + ALMOST_NEVER) < -CERTAIN)
+    again = max(_on_one_code(lsb, noise), np.mean(np.diff(others) == 0.0))
+    return bool((own.sum() - count) * np.log(again) < -CERTAIN)
+
+
+def _noise_of_most(others, lsb):
+    """White noise of values of which a few may be other wrong words."""
+    return less_rounding(
+        np.median(np.abs(np.diff(others))) / (np.sqrt(2.0) * NORMAL_MEDIAN), lsb)
+
+
+def _on_one_code(lsb, noise):
+    """How likely noise leaves a value on the code it is on."""
+    return erf(lsb / (2.0 * np.sqrt(2.0) * noise)) + ALMOST_NEVER
 
 
 def _is_out_of_reach(y, own):

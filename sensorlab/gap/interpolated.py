@@ -133,7 +133,6 @@ ON_A_LINE = 1e-4    # of a step: times of 1.7e9 s, of samples 10 ms apart, are a
 ROUNDED = 1.5       # spacings of a lattice: rounding bends a line by one at most
 MOST_MET = 0.9      # of places at equal intervals
 DENSITY = 10        # times as wide, about: bends of a size that is as likely by chance
-RISES = 2.0         # times as much as rounding bends a line
 SELDOM = 0.1        # of what lies on lines may do so by chance
 MOSTLY_MEET = 0.75    # of the lines, between samples, if any do
 AHEAD = np.sqrt(20.0)    # standard deviations of a bend of noise that is not smooth, to
@@ -145,13 +144,10 @@ def _on_lines(y):
     step, bend = np.diff(y), np.full(len(y), np.nan)
     moves = np.abs(step[~np.isnan(step) & (step != 0.0)])
     typical = moves.mean() if len(moves) else 0.0
-    bend[1:-1] = np.abs(np.diff(step))
-    moving = np.append(False, step != 0.0) & np.append(step != 0.0, False)
-    bend_of_moves = np.where(moving, bend, np.nan)
-    for bend, reach, found in (
-            (bend_of_moves, ON_A_LINE * typical, _exactly),
-            (bend_of_moves, ON_A_LINE * typical, _of_slopes_of_their_own(step)),
-            (bend, ROUNDED * lattice(y), _of_slow_lines(y))):
+    bend[1:-1] = np.where(step[1:] * step[:-1] != 0.0, np.abs(np.diff(step)), np.nan)
+    for reach, found in ((ON_A_LINE * typical, _exactly),
+                         (ON_A_LINE * typical, _of_slopes_of_their_own(step)),
+                         (ROUNDED * lattice(y), _rounded)):
         if not reach or np.sum(bend <= reach) < FEWEST:
             continue
         start, length = found(bend, reach)
@@ -159,7 +155,7 @@ def _on_lines(y):
         slope = (y[end] - y[begin]) / (end - begin)
         if FEWEST <= length.sum() < len(y) - 2 * FEWEST and _is_new(slope, typical):
             return within(start, length, len(y))
-    return _in_the_middle(bend_of_moves <= ON_A_LINE * typical)
+    return _in_the_middle(bend <= ON_A_LINE * typical)
 
 
 def _in_the_middle(straight):
@@ -218,22 +214,10 @@ def _rounded(bend, reach):
     about = np.minimum(*beside(bend, start, length, np.inf))
     by_chance = np.where(np.isfinite(about), 2.0 * AHEAD / np.pi * reach / about, 1.0)
     by_chance = np.maximum(by_chance, _of_one_size(bend, reach) / len(bend))
-    own, goes_on = by_chance < SELDOM, length >= more_than_chance(by_chance, len(bend))
-    if not own.any() or np.median(by_chance[own]) * len(bend) > SELDOM * length[
-            own].sum():
-        own = goes_on
+    own = by_chance < SELDOM
+    if own.any() and np.median(by_chance[own]) * len(bend) > SELDOM * length[own].sum():
+        own &= length >= more_than_chance(by_chance, len(bend))
     return start[own], length[own]
-
-
-def _of_slow_lines(y):
-    """`_rounded` of lines that rise by more than a few counts, on which neighbours may
-    be equal: where nothing rises they are so by chance, or stuck.
-    """
-    def found(bend, reach):
-        start, length = _rounded(bend, reach)
-        own = np.abs(y[start + length] - y[start - 1]) > RISES * reach
-        return start[own], length[own]
-    return found
 
 
 def _of_slopes_of_their_own(step):
