@@ -58,7 +58,8 @@ def _padded(scene):
 
 def _frequency_scan(scene, family, one):
     """Of the information below EXACT_CYCLES, in a long record that of whole cycles and
-    between them by interpolation; above by the spectrum.
+    between them by interpolation; above by the spectrum, and near half the sampling
+    rate by the columns themselves.
     """
     N, n = len(scene.y), _padded(scene)
     line, last = np.fft.rfft(one.residual, n), n // 2 + 1 - NEAR_HALF * n // N
