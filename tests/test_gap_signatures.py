@@ -507,7 +507,7 @@ def test_a_line_at_half_the_sampling_rate_is_one(below):
     assert d.verdict == "sinusoid" and d.after.p_value > 0.01
     frequency, amplitude = d.found[0].values.values()
     assert abs(frequency[0] - 0.5) < 2.0 / 3000
-    assert abs(amplitude[0] - 0.25) < 3.0 * amplitude[1] < (0.5 if below else 0.15)
+    assert abs(amplitude[0] - 0.25) < 3.0 * amplitude[1] < 0.15
 
 
 def test_a_line_at_half_the_sampling_rate_is_drawn_with_a_sign():

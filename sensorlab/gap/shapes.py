@@ -91,13 +91,13 @@ def transient(scene, x, psi):
     yield "", np.exp(-scene.time / psi)[:, None]
 
 
-NO_OTHER = 0.25    # cycles in a record from half its rate: a line there is as one at
-                   # half, which has no sine
+AT_HALF = 0.25    # cycles in a record from half its rate: a line there is as one at
+                  # half, which has no sine
 
 
 def is_at_half(scene, frequency):
     """Is a line of that frequency as one at half the sampling rate?"""
-    return abs(0.5 / scene.dt - frequency) * scene.duration < NO_OTHER
+    return abs(0.5 / scene.dt - frequency) * scene.duration < AT_HALF
 
 
 def cosine_and_sine(scene, x, psi):
