@@ -14,7 +14,7 @@ from scipy.special import logsumexp, ndtr, ndtri
 from scipy.stats.qmc import LatinHypercube
 
 from sensorid import at_quantiles, brief, free_columns, mesh, middles
-from sensorlab.gap.evidence import climb, or_nothing
+from sensorlab.gap.evidence import MAX_CLIMB, or_nothing
 from sensorlab.gap.filters import predict
 from sensorlab.gap.kernels.arithmetic import spectrum
 from sensorlab.gap.kernels.lanes import KERNEL, in_threads
@@ -229,7 +229,8 @@ def _gain_bands(first, last, power, density, count, shape, middles, variance, ga
 
 
 CANDIDATES = 512    # nodes of the new parameters of which the best are climbed from
-CLIMBED = 3         # of these
+CLIMBED = 3         # of these, if they are so far apart, in standard deviations: ...
+APART = 1.0
 SCATTERED = 8       # parameters, of which that many nodes may come near the best
 
 
@@ -244,38 +245,100 @@ def posterior_law(h, scene, signatures, other, theta, known):
     """
     keys = [h.keys[c] for c in free_columns(h.parameters)]
     new = [axis for axis, key in enumerate(keys) if key not in known]
-    anywhere = ndtri(LatinHypercube(max(len(keys), 1), rng=0).random(CANDIDATES))[
-        :, :len(keys)]
-    near, held = anywhere.copy(), np.setdiff1d(np.arange(len(keys)), new)
-    near[:, held] = [known[keys[axis]] for axis in held]
     seen = _binned(residual_spectrum(other, scene, signatures, theta), [
         _middle(one.values["frequency"], known.get((one.key, "frequency")))
         for one in h.effects if one.effect.search == "band"])
     turn = 2.0 - 2.0 * np.cos(2.0 * np.pi * seen.frequency * scene.dt)
 
-    def log_posterior(x):
+    def told(x):
+        """Log posteriors (M,) at x (M, d), and ln of the spectra (M, F) there over that
+        of the other member.
+        """
         theta, gain = at_quantiles(h.parameters, ndtr(x)), np.empty(len(x))
-        own = processes(h, scene, theta)
+        own, log_ratio = processes(h, scene, theta), np.empty((len(x), len(turn)))
         # what leaks matters where there is little: at half the sampling rate, if at all
         leak = np.maximum(leaked(own, len(scene.y), np.array([-1.0])), 0.0)
-        _whittle(own.a, own.q, (own.r + leak)[:, 0], turn, *seen[1:], gain)
+        _whittle(own.a, own.q, (own.r + leak)[:, 0], turn, *seen[1:], log_ratio, gain)
         for column, p in enumerate(h.parameters):
             if isinstance(p, Sought):
                 gain += p.log_ratio(theta[:, column])
-        return or_nothing(gain) - 0.5 * (x**2).sum(1)
+        return or_nothing(gain) - 0.5 * (x**2).sum(1), log_ratio
 
-    def best(x):
-        return x[log_posterior(x).argmax()]
-    starts, height = [], log_posterior(near)
-    for _ in range(CLIMBED if new else 0):
-        start = near[height.argmax()]
-        starts.append(climb(log_posterior, start, held)[0])
-        height[((near - start)**2).sum(1) < 1.0] = -np.inf
-    modes = [climb(log_posterior, best(np.array(starts)) if new else near[0])]
+    def scattered(count, axes):
+        return ndtri(LatinHypercube(len(axes), rng=0).random(count))
+    start = np.array([[known.get(key, 0.0) for key in keys]])
+    if new:
+        near = np.repeat(start, min(NODES**len(new), CANDIDATES), axis=0)
+        near[:, new] = scattered(len(near), new)
+        starts = near[_highest(told(near)[0], near)]
+        start, *_, height = _climbed(told, seen, starts, new)
+        start = start[[height.argmax()]]
     if len(keys) <= SCATTERED and _is_of_white(h, other) and hardly_white(
             other, scene, theta, seen):
-        modes.append(climb(log_posterior, best(anywhere)))
-    return modes[int(np.argmax([log_posterior(x[None])[0] for x, _ in modes]))]
+        anywhere = scattered(CANDIDATES, keys)
+        start = np.vstack([start, anywhere[[told(anywhere)[0].argmax()]]])
+    modes, covariances, height = _climbed(told, seen, start, range(len(keys)))
+    return modes[height.argmax()], covariances[height.argmax()]
+
+
+def _highest(height, x):
+    """Numbers of the highest of some points x (M, d), apart from each other."""
+    result, height = [], height.copy()
+    for _ in range(CLIMBED):
+        result.append(int(height.argmax()))
+        height[((x - x[result[-1]])**2).sum(1) < APART**2] = -np.inf
+    return result
+
+
+SHIFT = 1e-3    # in standard deviations of a prior: ln of a spectrum is linear in it
+DAMPED = np.append(0.0, np.geomspace(1.0, 1e6, 7))
+SHORTER = 0.5**np.arange(1.0, 7.0)    # steps, where a spectrum is far from the record's
+LAST = 0.1    # nats: a step that promises less, or gains less, is the last
+
+
+def _climbed(told, seen, x, axes):
+    """Modes (S, d) uphill from x (S, d) along some axes, covariances (S, m, m) of these
+    axes in the normal laws there, and the heights (S,).
+
+    Fisher's scoring: of spectra S the expected information is the sum of g g' over all
+    frequencies, g the derivatives of ln S (P. Whittle, Ark. Mat. 2, 1953), and 1 from
+    the prior N(0, I); each step is tried damped and shorter, all of them at once.
+    """
+    x, axes, left = x.copy(), list(axes), np.arange(len(x))
+    covariance, height = np.empty((len(x), len(axes), len(axes))), np.empty(len(x))
+    shifts = np.vstack([np.zeros(x.shape[1]), SHIFT * np.eye(x.shape[1])[axes]])
+    for _ in range(MAX_CLIMB):
+        heights, log_ratio = told((x[left, None] + shifts).reshape(-1, x.shape[1]))
+        height[left] = heights.reshape(len(left), -1)[:, 0]
+        log_ratio = log_ratio.reshape(len(left), len(shifts), -1)
+        with np.errstate(invalid="ignore", over="ignore"):
+            g = _if_finite((log_ratio[:, 1:] - log_ratio[:, :1]) / SHIFT)
+            excess = _if_finite(seen.power * np.exp(-log_ratio[:, 0]) - 1.0)
+        slope = np.einsum("sif, sf -> si", g, seen.count * excess) - x[left][:, axes]
+        width, turn = np.linalg.eigh(np.eye(len(axes)) + np.einsum(
+            "sif, sjf -> sij", g, seen.count * g))
+        covariance[left] = np.einsum("sik, sjk -> sij", turn / width[:, None], turn)
+        push = np.einsum("sik, si -> sk", turn, slope)
+        on = 0.5 * (push**2 / width).sum(1) >= LAST
+        left, width, turn, push = left[on], width[on], turn[on], push[on]
+        if not len(left):
+            break
+        damped = push[:, None] / (width[:, None] + DAMPED[:, None])
+        moves = np.concatenate([damped, damped[:, :1] * SHORTER[:, None]], axis=1)
+        tries = np.repeat(x[left, None], moves.shape[1], axis=1)
+        tries[..., axes] += np.einsum("sik, smk -> smi", turn, moves)
+        heights = told(tries.reshape(-1, x.shape[1]))[0].reshape(len(left), -1)
+        up = heights.max(1) >= height[left] + LAST
+        x[left[up]] = tries[up, heights[up].argmax(1)]
+        left = left[up]
+        if not len(left):
+            break
+    return x, covariance, height
+
+
+def _if_finite(values):
+    """Values, and 0 where they are none: where spectra cancel."""
+    return np.where(np.isfinite(values), values, 0.0)
 
 
 def _is_of_white(h, other):
@@ -307,11 +370,14 @@ def _middle(frequency, x):
 
 
 @njit(**KERNEL)
-def _whittle(a, q, r, turn, power, density, count, gain):
-    """Whittle's likelihoods of nodes, for residuals of a member of this density."""
+def _whittle(a, q, r, turn, power, density, count, log_ratio, gain):
+    """Whittle's likelihoods of nodes, for residuals of a member of this density, and ln
+    of their spectra over that.
+    """
     for m in range(len(a)):
         total = 0.0
         for k in range(len(turn)):
             ratio = (r[m] + spectrum(a[m], q[m], turn[k])) / density[k]
-            total -= count[k] * (power[k] / ratio + np.log(ratio))
+            log_ratio[m, k] = np.log(ratio)
+            total -= count[k] * (power[k] / ratio + log_ratio[m, k])
         gain[m] = total
