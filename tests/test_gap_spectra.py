@@ -4,8 +4,10 @@
 import numpy as np
 from conftest import DT, WHITE, WHITE_OF_A_RANGE, member, white_with
 from numpy.testing import assert_allclose
-from scipy.special import logsumexp
+from scipy.optimize import minimize
+from scipy.special import logsumexp, ndtr
 
+from sensorid import at_quantiles
 from sensorlab import CATALOGUE, Found, Scene
 from sensorlab.gap import account, evidence, filters, spectra
 from sensorlab.gap.effects import fixed
@@ -122,3 +124,35 @@ def test_a_band_that_has_all_of_the_power_has_a_finite_gain():
     gain = spectra._band_gains(seen, 1.0, 400.0, np.array([1.0]))
     assert np.isfinite(gain).all() and gain.max() > 1e4
     assert_allclose(gain[200], gain.max())
+
+
+def test_a_law_is_where_whittles_likelihood_is_largest():
+    noise = Found(CATALOGUE["correlated_noise"], values=fixed(tau=12.0, sigma=0.7))
+    scene = Scene(white_with(noise, samples=2000, seed=5), DT, {})
+    (h,) = WHITE_OF_A_RANGE
+    h, richer = member(scene, h), member(scene, h, "correlated_noise")
+    mean, covariance = spectra.posterior_law(
+        richer, scene, (), h, scene.y.std()[None], {("", "sigma_v"): 0.0})
+    y, f = scene.y - scene.y.mean(), np.fft.rfftfreq(2000)[1:-1]
+    power = np.abs(np.fft.rfft(y)[1:-1])**2 / 2000
+
+    def log_spectrum(x):
+        (sigma_v, tau, sigma), = at_quantiles(richer.parameters, ndtr(x)[None])
+        a = np.exp(-1.0 / tau)
+        return np.log(sigma_v**2 + sigma**2 * (1.0 - a * a) / np.abs(
+            1.0 - a * np.exp(-2j * np.pi * f))**2)
+
+    def cost(x):
+        log_s = log_spectrum(x)
+        return np.sum(power * np.exp(-log_s) + log_s) + 0.5 * x @ x
+    best = min((minimize(cost, x0, method="Nelder-Mead", options=dict(
+        xatol=1e-5, fatol=1e-8, maxiter=4000)) for x0 in (
+            np.zeros(3), np.array([0.0, -1.0, 0.5]))), key=lambda one: one.fun).x
+    g = np.array([(log_spectrum(best + step) - log_spectrum(best - step)) / 2e-4
+                  for step in 1e-4 * np.eye(3)])
+    expected = np.linalg.inv(np.eye(3) + g @ g.T)
+    sd = np.sqrt(np.diag(expected))
+    # it knows the spectrum by bins, and the edges of a record otherwise
+    assert_allclose((mean - best) / sd, 0.0, atol=0.1)
+    assert_allclose(covariance / np.outer(sd, sd), expected / np.outer(sd, sd),
+                    atol=0.05)
