@@ -307,10 +307,14 @@ def _climbed(told, seen, x, axes):
     x, axes, left = x.copy(), list(axes), np.arange(len(x))
     covariance, height = np.empty((len(x), len(axes), len(axes))), np.empty(len(x))
     shifts = np.vstack([np.zeros(x.shape[1]), SHIFT * np.eye(x.shape[1])[axes]])
+
+    def at_each(points):
+        S, K, d = points.shape
+        return (part.reshape(S, K, *part.shape[1:]) for part in told(
+            points.reshape(S * K, d)))
     for _ in range(MAX_CLIMB):
-        heights, log_ratio = told((x[left, None] + shifts).reshape(-1, x.shape[1]))
-        height[left] = heights.reshape(len(left), -1)[:, 0]
-        log_ratio = log_ratio.reshape(len(left), len(shifts), -1)
+        heights, log_ratio = at_each(x[left, None] + shifts)
+        height[left] = heights[:, 0]
         with np.errstate(invalid="ignore", over="ignore"):
             g = _if_finite((log_ratio[:, 1:] - log_ratio[:, :1]) / SHIFT)
             excess = _if_finite(seen.power * np.exp(-log_ratio[:, 0]) - 1.0)
@@ -320,18 +324,18 @@ def _climbed(told, seen, x, axes):
         covariance[left] = np.einsum("sik, sjk -> sij", turn / width[:, None], turn)
         push = np.einsum("sik, si -> sk", turn, slope)
         on = 0.5 * (push**2 / width).sum(1) >= LAST
-        left, width, turn, push = left[on], width[on], turn[on], push[on]
-        if not len(left):
+        if not on.any():
             break
+        left, width, turn, push = left[on], width[on], turn[on], push[on]
         damped = push[:, None] / (width[:, None] + DAMPED[:, None])
         moves = np.concatenate([damped, damped[:, :1] * SHORTER[:, None]], axis=1)
         tries = np.repeat(x[left, None], moves.shape[1], axis=1)
         tries[..., axes] += np.einsum("sik, smk -> smi", turn, moves)
-        heights = told(tries.reshape(-1, x.shape[1]))[0].reshape(len(left), -1)
+        heights, _ = at_each(tries)
         up = heights.max(1) >= height[left] + LAST
         x[left[up]] = tries[up, heights[up].argmax(1)]
         left = left[up]
-        if not len(left):
+        if not up.any():
             break
     return x, covariance, height
 
