@@ -98,6 +98,18 @@ def test_a_family_is_named_where_its_members_split_it():
     assert verdict(temperature=0.4, thermal_lag=0.05, none=0.55) == "none"
 
 
+def test_a_family_that_stands_for_what_is_named_is_not_beside_it():
+    # either slow noise and a step, or a sinusoid and what drifts
+    one = dict(correlated_noise_and_bias_step=0.24, bias_instability_and_bias_step=0.2,
+               sinusoid_and_rate_ramp=0.2, sinusoid_and_second_order_drift=0.2,
+               sinusoid_and_bias_instability=0.16)
+    assert verdict(**one).split("+")[0] == "sinusoid"
+    assert "correlated_noise" not in verdict(**one)
+    ((members, _),) = split_families(sets(**one))
+    assert set(members) <= {"rate_ramp", "second_order_drift", "bias_step",
+                            "bias_instability"}
+
+
 def test_of_two_effects_that_stand_for_each_other_one_is_named():
     assert verdict(correlated_noise=0.45, wrong_parameter=0.42,
                    correlated_noise_and_wrong_parameter=0.1, none=0.03

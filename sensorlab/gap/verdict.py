@@ -116,31 +116,39 @@ def _named(causes):
 
 def split_families(causes):
     """(members, probability that any is there) of every family that is more probable
-    than not, but none of whose members is named; of those, too, of which nearly all
-    sets have one beside what is named, if anything is.
+    than not, beside what is named, too, but none of whose members is named; of those,
+    too, of which nearly all sets have one beside what is named, if anything is.
     """
     chance, named, result = present(causes), _named(causes), []
     sure = [name for name, _ in named]
+    with_it = [c for c in causes if {*named} <= {*_numbered(c)}]
+    beside = _present(with_it)
+
+    def among(sets, some):
+        return sum(c.probability for c in sets if {*_numbered(c)} & {*some})
+
+    def more_probable(some):
+        """Any of some effects than none, among all sets, and beside what is named."""
+        return among(causes, some) >= SURE and among(with_it, some) >= SURE * sum(
+            c.probability for c in with_it)
     for family in FAMILIES:
-        members = sorted((e for e in family if chance.get(e, 0.0) >= RARE),
+        members = sorted((e for e in family if beside.get((e, 0), 0.0) >= RARE),
                          key=lambda e: -chance[e])
-        total = sum(c.probability for c in causes if set(c.effects) & set(family))
-        if len(members) > 1 and total >= SURE and not set(family) & set(sure):
-            result.append((tuple(members), total))
+        every = [(name, 0) for name in family]    # of several, one is the first
+        if len(members) > 1 and more_probable(every) and not set(family) & set(sure):
+            result.append((tuple(members), among(causes, every)))
     nothing = {("none", 0), ("unknown", 0)}
     alone = sum(c.probability for c in causes
                 if {*_numbered(c)} - nothing == {*named} - nothing)
     if not result and alone < RARE:
-        every = _present(causes)
         # of one name, the first that is not named
-        rest = sorted(((name, number) for (name, number), p in every.items()
+        rest = sorted(((name, number) for (name, number), p in beside.items()
                        if p >= RARE and number == sure.count(name)
-                       and name not in ("none", "unknown")), key=lambda e: -every[e])
+                       and name not in ("none", "unknown")), key=lambda e: -beside[e])
         for count in range(2, len(rest) + 1):
-            total = sum(c.probability for c in causes
-                        if {*_numbered(c)} & {*rest[:count]})
-            if total >= SURE:
-                return [(tuple(name for name, _ in rest[:count]), total)]
+            if more_probable(rest[:count]):
+                return [(tuple(name for name, _ in rest[:count]),
+                         among(causes, rest[:count]))]
     return result
 
 
