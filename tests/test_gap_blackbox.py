@@ -271,7 +271,7 @@ def test_records_that_agree_are_a_narrower_range_than_their_scatter_alone():
 @pytest.mark.parametrize("added, verdicts, said", [
     (lambda i: i / 2000.0, ("rate_ramp", "rate_ramp or second_order_drift"),
      "neighbours are multiples"),
-    (lambda i: 0.15 * np.sin(2.3 * i), ("sinusoid",), "the record lies on none")])
+    (lambda i: 0.15 * np.sin(2.3 * i), ("sinusoid",), "the record does not: its own")])
 def test_what_was_added_after_the_rounding_is_all_there_is(known, added, verdicts,
                                                            said):
     y, simulator = known

@@ -41,7 +41,7 @@ def along_the_filter(log_bayes, left):
     sqrt(1 + 2 ln B), for ln B is corrected for the search, before; the same of the best
     rival that is `left` after. The size found leaves one standard deviation of noise.
     """
-    before, after = np.sqrt(1.0 + 2.0 * np.array([log_bayes, left]))
+    before, after = np.sqrt(1.0 + 2.0 * np.maximum([log_bayes, left], 0.0))
     before = max(before, 1.0 + 1e-9)
     low, high = np.sqrt(chi2.ppf([0.025, 0.975], 1)) - 1.0
     closed = 1.0 - (after - 1.0 + np.array([0.0, high, low])) / (before - 1.0)

@@ -106,14 +106,15 @@ def _near_values(own, h, keys, rest=None):
     rest as for `_spread`.
     """
     priors = dict(zip(h.keys, h.parameters))
-    near = np.array([[_coordinate(priors[key], value * np.exp(step * off))
-                      for step in (-1.0, 0.0, 1.0)]
+    near = np.array([[_coordinate(priors[key], value * np.exp(
+        step * min(off, ANYWHERE))) for step in (-1.0, 0.0, 1.0)]
                      for key, (value, off) in own.items()])
     return _spread(keys, list(own), near[:, 1], np.diag(
         (0.5 * (near[:, 2] - near[:, 0]))**2 + NARROWEST**2), rest)
 
 
 COORDINATES = np.linspace(-4.0, 4.0, 801)    # of a prior
+ANYWHERE = 99.0     # e-folds, more than any prior is wide
 NARROWEST = 0.01    # standard deviation of one, of a law from which nodes are moved
 
 

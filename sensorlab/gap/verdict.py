@@ -12,7 +12,8 @@ from sensorlab.gap.search import scaled
 PRIOR_UNKNOWN = 0.1     # that what is missing is in no catalogue
 MISSING_NATS = 10.0     # mean of -ln p where something is missing: what can be named
 SURE = 0.5              # what is named is more probable than not
-RARE = 0.1              # a member of a family that is not worth a word
+RARE = 0.1              # share of what is named in which another effect is not worth
+                        # a word
 
 
 def unknown_probability(p_value):
@@ -122,29 +123,30 @@ def split_families(causes):
     chance, named, result = present(causes), _named(causes), []
     sure = [name for name, _ in named]
     with_it = [c for c in causes if {*named} <= {*_numbered(c)}]
-    beside = _present(with_it)
+    beside, all_of = _present(with_it), sum(c.probability for c in with_it)
 
     def among(sets, some):
         return sum(c.probability for c in sets if {*_numbered(c)} & {*some})
 
     def more_probable(some):
         """Any of some effects than none, among all sets, and beside what is named."""
-        return among(causes, some) >= SURE and among(with_it, some) >= SURE * sum(
-            c.probability for c in with_it)
+        return among(causes, some) >= SURE and among(with_it, some) >= SURE * all_of
+    often = {one for one, p in beside.items() if p >= RARE * all_of}
     for family in FAMILIES:
-        members = sorted((e for e in family if beside.get((e, 0), 0.0) >= RARE),
+        members = sorted((e for e in family if (e, 0) in often),
                          key=lambda e: -chance[e])
         every = [(name, 0) for name in family]    # of several, one is the first
         if len(members) > 1 and more_probable(every) and not set(family) & set(sure):
             result.append((tuple(members), among(causes, every)))
     nothing = {("none", 0), ("unknown", 0)}
-    alone = sum(c.probability for c in causes
-                if {*_numbered(c)} - nothing == {*named} - nothing)
-    if not result and alone < RARE:
+    core = {*named} - nothing
+    # with something unknown beside it, what is named is not all there is
+    apart = {("none", 0)} if core and "unknown" not in sure else nothing
+    alone = sum(c.probability for c in causes if {*_numbered(c)} - apart == core)
+    if not result and alone < RARE * all_of:
         # of one name, the first that is not named
-        rest = sorted(((name, number) for (name, number), p in beside.items()
-                       if p >= RARE and number == sure.count(name)
-                       and name not in ("none", "unknown")), key=lambda e: -beside[e])
+        rest = sorted((one for one in often - nothing if one[1] == sure.count(one[0])),
+                      key=lambda e: (-beside[e], e))
         for count in range(2, len(rest) + 1):
             if more_probable(rest[:count]):
                 return [(tuple(name for name, _ in rest[:count]),

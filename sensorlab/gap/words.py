@@ -349,9 +349,9 @@ def advice(d, unit):
             neighbours = lattice_between(d.scene.y + d.scene.known)
             yield (f"neighbours are {lsb} apart, the record as a whole is not: "
                    "something was added to it after it was rounded" if neighbours else
-                   f"the simulator rounds to {lsb}, the record lies on none: something "
-                   "was added to it after it was rounded; how its values are rounded "
-                   "is not compared")
+                   f"the simulator rounds to {lsb}, the record does not: its own "
+                   "counts are too fine to tell, or something was added to it after it "
+                   "was rounded; how its values are rounded is not compared")
     for column in {s.found.column for s in d.final.signatures if s.found.column}:
         low, high = clusters(d.scene.columns[column])
         if high:
