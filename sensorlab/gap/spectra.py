@@ -270,7 +270,7 @@ def posterior_law(h, scene, signatures, other, theta, known):
     if new:
         near = np.repeat(start, min(NODES**len(new), CANDIDATES), axis=0)
         near[:, new] = scattered(len(near), new)
-        starts = near[_highest(told(near)[0], near)]
+        starts = near[_high_and_apart(told(near)[0], near)]
         start, *_, height = _climbed(told, seen, starts, new)
         start = start[[height.argmax()]]
     if len(keys) <= SCATTERED and _is_of_white(h, other) and hardly_white(
@@ -281,7 +281,7 @@ def posterior_law(h, scene, signatures, other, theta, known):
     return modes[height.argmax()], covariances[height.argmax()]
 
 
-def _highest(height, x):
+def _high_and_apart(height, x):
     """Numbers of the highest of some points x (M, d), apart from each other."""
     result, height = [], height.copy()
     for _ in range(CLIMBED):
