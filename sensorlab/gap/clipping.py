@@ -25,11 +25,15 @@ FEWEST_CODES = 4      # of a lattice: how often three are met, a normal law may 
 def limits_of(y, lsb, noise):
     """Limits, infinite where there is none, and the samples (N,) that lie on one: the
     last value is met far more often than a tail allows. Few counts have no tail.
+
+    What both ends tell adds up: where each is half as sure as one alone must be, both
+    are limits.
     """
     seen = y[~np.isnan(y)]
-    clipped, limits = np.zeros(len(y), bool), []
+    clipped = np.zeros(len(y), bool)
     if np.ptp(seen) < (FEWEST_CODES - 1.5) * lsb:
         return [-np.inf, np.inf], clipped
+    ends, full, nats = [], [], []
     for sign in (-1.0, 1.0):
         end = sign * np.max(sign * seen)
         # on a lattice, a few far out may meet on one value: what is next to it counts
@@ -41,17 +45,22 @@ def limits_of(y, lsb, noise):
         count = np.sum(at_end)
         # where others do not come again, none does by chance; it may stick once
         others = seen[seen != end]
-        full = not lsb and count >= least and np.sum(np.diff(at_end)) > 3 and (
+        alone = not lsb and count >= least and np.sum(np.diff(at_end)) > 3 and (
             2 * len(np.unique(others)) > len(others))
         apart = np.abs(end - seen)
-        full = full or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
-            lsb > 0.0 and count >= least and (
-                lsb >= COARSE * noise and _piles_up(apart / lsb)
-                or _lacks_more(apart, lsb)
-                and not uneven_codes(others, lsb)[0]))
-        full = full and _is_near(end, seen, lsb)
-        limits.append(float(end) if full else sign * np.inf)
-        clipped |= at_end & full
+        near = _is_near(end, seen, lsb)
+        ends.append(float(end))
+        full.append(near and (
+            alone or count >= least + 2.0 * before + 6.0 * np.sqrt(before)
+            or lsb >= COARSE * noise and lsb > 0.0 and count >= least
+            and _piles_up(apart / lsb)))
+        nats.append(_abruptness(apart, lsb) if near and lsb and count >= least
+                    and not uneven_codes(others, lsb)[0] else 0.0)
+    limits = [-np.inf, np.inf]
+    for k, end in enumerate(ends):
+        if full[k] or nats[k] > ABRUPT or min(nats) > 0.5 * ABRUPT:
+            limits[k] = end
+            clipped |= y == end
     return limits, clipped
 
 
@@ -59,19 +68,20 @@ ABRUPT = 14.0        # nats, by which a record is unlikely to end as it does
 SPAN = 8.0           # standard deviations that a noise has
 
 
-def _lacks_more(apart, lsb):
-    """Ought there to be samples beyond the last code of a lattice? Samples are `apart`
-    (N,) from it.
+def _abruptness(apart, lsb):
+    """Nats, at least, by which a record is unlikely to have nothing beyond the last
+    code of a lattice. Samples are `apart` (N,) from it.
     """
     left = unpredicted(apart[:TELLING])
     noise = 0.0 if left is None else less_rounding(np.std(left), lsb)
-    return bool(noise) and (_ends_abruptly(apart, lsb, noise)
-                            or _stops_short(apart, lsb, noise, left))
+    return max(_by_number(apart, lsb, noise),
+               _by_what_is_foretold(apart, lsb, noise, left)) if noise else 0.0
 
 
-def _ends_abruptly(apart, lsb, noise):
-    """Are there so many samples on the last code of a lattice that there ought to be
-    others beyond? Samples are `apart` (N,) from it.
+def _by_number(apart, lsb, noise):
+    """Nats by which there are so many samples on the last code of a lattice that there
+    ought to be others beyond; 0 if that code cannot hold those. Samples are `apart`
+    (N,) from it.
 
     What cannot be predicted is normal, of standard deviation s at least. If n of N
     samples are on the code, it lies D s at most above what is predicted, the normal
@@ -84,12 +94,12 @@ def _ends_abruptly(apart, lsb, noise):
     on = apart < 0.5 * lsb
     count = on[0] + np.sum(on[1:] & ~on[:-1])    # what is slow rests there
     if not count:
-        return False
+        return 0.0
     x = lsb / noise * (np.arange(1, int(SPAN * noise / lsb) + 2) + 0.5)
     above = -ndtri(0.5 * count / len(apart))
     beyond = np.exp(-above * x - 0.5 * x**2).sum()
-    return count * np.log1p(beyond) > ABRUPT and (    # less than half does not tell
-        beyond < 0.5 or _holds_more(apart / lsb, beyond))
+    holds = beyond < 0.5 or _holds_more(apart / lsb, beyond)    # half does not tell
+    return count * np.log1p(beyond) if holds else 0.0
 
 
 def _holds_more(apart, beyond):
@@ -103,9 +113,10 @@ def _holds_more(apart, beyond):
 FINE = 2.0    # times the noise, at most, is a code where it does not hide what is slow
 
 
-def _stops_short(apart, lsb, noise, left):
-    """Do samples on the last code of a lattice, by what is foretold of each, belong
-    beyond? Samples are `apart` (N,) from it, of which those before leave `left`.
+def _by_what_is_foretold(apart, lsb, noise, left):
+    """Nats by which samples on the last code of a lattice, by what is foretold of each,
+    belong beyond; 0 if that code cannot hold those. Samples are `apart` (N,) from it,
+    of which those before leave `left`.
 
     Where the noise is normal, of standard deviation s about what those before foretell,
     a sample that is on the code or beyond is beyond with a known probability p: that
@@ -113,12 +124,12 @@ def _stops_short(apart, lsb, noise, left):
     again.
     """
     if lsb > FINE * noise:
-        return False
+        return 0.0
     last = apart[:TELLING][-len(left):]
     away = (last - left)[last < 0.5 * lsb] / noise
     beyond = np.exp(log_ndtr(-lsb / noise - away) - log_ndtr(0.5 * lsb / noise - away))
-    return -np.log1p(-beyond).sum() > ABRUPT and _holds_more(
-        apart / lsb, np.mean(beyond / (1.0 - beyond)))
+    holds = _holds_more(apart / lsb, np.mean(beyond / (1.0 - beyond)))
+    return -np.log1p(-beyond).sum() if holds else 0.0
 
 
 APART = 5.0    # standard deviations of the noise: what is farther out was never clipped
