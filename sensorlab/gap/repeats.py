@@ -265,22 +265,36 @@ def _equal_by_chance(y):
 def stuck_spans(y, lsb, noise, clipped):
     """Runs (first sample, length) of equal values longer than chance, and the samples
     (N,) of them but the first, which is a reading.
+
+    Where some are, others are that are more likely one more of them than chance: of n
+    spans of m ties in the mean, one begins at a sample of N and has a length with the
+    probability n / (N m) or less.
     """
     same = np.append(False, np.diff(y) == 0.0) & ~clipped
-    start, length = runs(same)
+    start, length = _longer_than(1e-4, y, *runs(same), lsb, noise)
+    if len(start):
+        more = max(1e-4, len(start) / length.mean())
+        start, length = _longer_than(more, y, *runs(same), lsb, noise)
+    spans = list(zip(start - 1, length + 1))
+    return spans, within(start, length, len(y))
+
+
+def _longer_than(by_chance, y, start, length, lsb, noise):
+    """Runs of equal values of a record (N,), of which so many, at most, are to be
+    expected of chance.
+    """
     # what a part of the record, or neighbours, lie on is no lattice of it
     tie = _stays(lsb, noise) if lsb else _tie_by_chance(start, length, len(y))
-    own = length >= more_than_chance(tie, len(y))
+    own = length >= more_than_chance(tie, len(y), by_chance)
     start, length = start[own], length[own]
     while lsb and len(start):    # noise, and counts, may change: those nearby tell
         noise, ties = _nearby(y, start, length)
         tie = np.maximum(_stays(lsb, less_rounding(noise, lsb)), ties)
-        own = length >= more_than_chance(tie, len(y))
+        own = length >= more_than_chance(tie, len(y), by_chance)
         if own.all():
             break
         start, length = start[own], length[own]
-    spans = list(zip(start - 1, length + 1))
-    return spans, within(start, length, len(y))
+    return start, length
 
 
 def _stays(lsb, noise):

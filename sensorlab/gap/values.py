@@ -50,10 +50,12 @@ def beside(x, start, length, otherwise):
         for first, last in ends]
 
 
-def more_than_chance(tie, samples):
-    """Ties of such a probability each, one after another, that are no chance."""
+def more_than_chance(tie, samples, by_chance=1e-4):
+    """Ties of such a probability each, one after another, that are no chance: so many
+    at most are to be expected of it.
+    """
     with np.errstate(divide="ignore"):
-        return np.where(tie < 1.0, np.maximum(2.0, np.log(1e-4 / samples) / np.log(
+        return np.where(tie < 1.0, np.maximum(2.0, np.log(by_chance / samples) / np.log(
             tie)), np.inf)
 
 
