@@ -28,7 +28,7 @@ The file reads in the order of the paper; a section calls only sections above it
 
 import sys
 
-__version__ = "0.39.0"
+__version__ = "0.40.0"
 
 
 def main(argv=None):
@@ -240,8 +240,10 @@ def side_by_side(function, items):
 
 
 def brief(self):
-    """repr of a result: what is long by its size."""
+    """repr of a result: numbers by six digits, what is long by its size."""
     def shown(value):
+        if isinstance(value, (float, np.floating)):
+            return f"{value:.6g}"
         if isinstance(value, np.ndarray) and value.size > 6:
             return f"array{value.shape}"
         if isinstance(value, (tuple, list, dict)) and len(value) > 6:

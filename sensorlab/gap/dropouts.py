@@ -173,7 +173,8 @@ def _is_met_too_often(value, others, lsb, noise, count):
         return True
     near, reach = np.abs(away) < NEAR * noise, max(BESIDE * noise, 1.5 * lsb)
     per_width = near.sum() / (2.0 * NEAR * noise)
-    beside = np.abs(met - value) < (2.0 * reach if lsb else np.inf)
+    beside = np.abs(met - value) < (max(2.0 * BESIDE * noise, 2.5 * lsb) if lsb
+                                    else np.inf)
     beside[[0, -1]] = False    # where samples may be clipped
     often = max(per_width * lsb, times[beside].max(initial=1) - 1, ALMOST_NEVER)
     return bool(
