@@ -65,6 +65,7 @@ def draw_onsets(y, h, own, pair, rise, r, wild, u, least, most):
     standard scores are `wild` (2, M) at most.
     """
     onset, density = np.zeros((2, len(u)))
+    h, u, r, wild = map(np.ascontiguousarray, (h, u, r, wild))    # one kernel for all
     # as many on any machine, since gains are kept once those of all lanes have settled;
     # what a law needs is as long as the record
     lanes = LANES if len(y) > LONG_RECORD else min(

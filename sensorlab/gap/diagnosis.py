@@ -258,7 +258,14 @@ def _as_records_have(done):
     if not any(r.coarse for r in acc.readings) or (
             done.after.ruler.fit.setting.acc is not acc):
         return acc
-    own = acc.sample._replace(theta=acc.sample.theta + done.after.theta - acc.theta)
+    theta, old, new = acc.sample.theta, acc.theta, done.after.theta
+    ratio = np.ones(len(new))    # what is positive stays so
+    positive = (theta > 0.0).all(0) & (old > 0.0) & (new > 0.0)
+    ratio[positive] = new[positive] / old[positive]
+    low, high = np.transpose([(p.low, p.high) for p in acc.member.parameters])
+    own = acc.sample._replace(theta=np.clip(
+        ratio * theta + np.where(positive, 0.0, new - old), np.minimum(low, new),
+        np.maximum(high, new)))
     return acc._replace(samples=(*acc.samples[:acc.best], own,
                                  *acc.samples[acc.best + 1:]))
 
