@@ -1200,6 +1200,8 @@ def test_a_record_in_another_unit_than_the_simulator_is_refused():
     y = np.random.default_rng(3).standard_normal(200)
     with pytest.raises(ValueError, match="9.8e.05 times .* give both in one unit"):
         sensorlab.diagnose(1e6 * y, DT, WHITE)
+    with pytest.raises(ValueError, match="1e-06 times .* give both in one unit"):
+        sensorlab.diagnose(1e-6 * y, DT, WHITE)
 
 
 @pytest.mark.parametrize("at", [thorough(0), large(-1)])

@@ -170,12 +170,19 @@ def check_units(scene, bases):
     """
     weight = np.array([-1.0, 1.0]) / np.sqrt(2.0)
     most = CATALOGUE["wrong_parameter"].factor    # no parameter is more wrong
-    noise = np.sqrt(max(max(_mean_squares(h, scene.dt, weight)) for h in bases))
+    of_all = np.sqrt(np.concatenate([_mean_squares(h, scene.dt, weight)
+                                     for h in bases]))
+    least, noise = of_all.min(), of_all.max()
     if scene.white > most * noise and not any(h.has_jumps for h in bases):
         raise ValueError(
             f"the noise of the record, {scene.white:.3g} from one sample to the next, "
             f"is {scene.white / noise:.2g} times the largest that the simulator has, "
             f"{noise:.3g}: give both in one unit, or the simulator white noise")
+    if (spread := np.nanstd(scene.y)) * most < least:    # what is slow is in it, too
+        raise ValueError(
+            f"the whole record, of standard deviation {spread:.3g}, moves "
+            f"{spread / least:.2g} times as much as the least noise that the simulator "
+            f"has, {least:.3g}: give both in one unit")
 
 
 def with_readings(full, bases, signatures, read):
