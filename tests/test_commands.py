@@ -141,7 +141,7 @@ def test_a_constant_that_stands_for_lost_samples_is_told_of_and_left_out(folder,
     (found,) = json.loads(pathlib.Path("l.json").read_text())["hypotheses"]
     assert found["parameters"]["sigma_v"]["mean"] == pytest.approx(
         y[~lost].std(), rel=0.02)
-    assert main("diagnose lost.npz --average 4".split()) == 0    # its means are of both
+    assert main("identify lost.npz --average 4".split()) == 0    # its means are of both
     assert said in capsys.readouterr().err
     value = float(y[~lost].mean())    # of many digits, in a file of another unit
     np.savez("mean.npz", error=np.where(lost, value, y), dt=0.5)
@@ -375,7 +375,7 @@ def test_outputs_follow_no_links_and_leave_pipes_alone(folder, capsys):
     assert not pathlib.Path("none.json").exists()
 
 
-@pytest.mark.large
+@pytest.mark.thorough
 def test_a_real_gyro_is_identified(real, tmp_path, monkeypatch, capsys):
     run = np.load(real / "adis16405_run1.npz")
     monkeypatch.chdir(tmp_path)

@@ -168,6 +168,25 @@ def test_evidence_of_an_unknown_onset_does_not_hang_on_the_seed():
     assert np.ptp(said) < 2.0
 
 
+@pytest.mark.parametrize("broken_from", [0, 90])
+def test_an_onset_is_drawn_where_a_filter_breaks_down(broken_from):
+    samples, nodes = 200, 40
+    gain = np.where(np.arange(samples) < broken_from, 0.0, -np.inf)
+    peak = gain[::changes.ONSET_BIN]
+    for u in sensorid.middles(nodes):
+        onset, density = changes._draw_onset(gain, peak, u)
+        assert 0.0 < onset <= samples and np.isfinite(density)
+        assert u < changes.STRAY_SHARE or onset <= (broken_from or samples)
+    y, one = np.random.default_rng(0).standard_normal(samples), np.ones((2, nodes))
+    decays = np.zeros((2, 10, nodes, 1))
+    decays[:, 0], decays[:, 2] = 0.5, 0.1
+    r = one * [[1.0], [-0.1]]    # its variances are negative
+    onset, density = changes.draw_onsets(
+        y, np.ones(1), decays, np.zeros(1, int), 0.0 * one[..., None], r, 25.0 * one,
+        sensorid.middles(nodes), 8, 150)
+    assert ((8 < onset) & (onset <= 150)).all() and np.isfinite(density).all()
+
+
 def test_a_screen_of_bursts_is_the_sum_over_all_histories():
     rng = np.random.default_rng(4)
     first, second = rng.standard_normal((2, 9))

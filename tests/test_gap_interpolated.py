@@ -221,7 +221,7 @@ def test_what_was_resampled_to_a_little_higher_rate_is_found(ratio, lsb):
         assert np.std(y[nearest] - raw[at]) < 2.0 * lsb / np.sqrt(12.0) + 1e-9
 
 
-@pytest.mark.parametrize("samples", [large(250000)])
+@pytest.mark.parametrize("samples", [thorough(250000)])
 def test_a_long_record_that_was_resampled_is_told_to_its_end(samples):
     """Its pace, that its head tells, is known to more than a turn at its end."""
     raw = noise(200000)

@@ -34,9 +34,13 @@ def _draw_onset(gain, peak, u):
     """Onset, in samples, at the quantile u of a law of these log odds, and the log of
     its density over a uniform one; `peak` is the largest gain of every bin.
 
-    Drawn is a bin, then a sample in it; with the probability STRAY_SHARE any sample.
+    Drawn is a bin, then a sample in it; with the probability STRAY_SHARE any sample,
+    and always where filters broke down.
     """
-    bins, stray, k, onset = np.exp(peak - peak.max()), u < STRAY_SHARE, 0, 0.0
+    highest = peak.max()
+    if not np.isfinite(highest):
+        return max(u, 1e-9) * len(gain), 0.0
+    bins, stray, k, onset = np.exp(peak - highest), u < STRAY_SHARE, 0, 0.0
     bins /= bins.sum()
     if stray:
         onset = max(u / STRAY_SHARE, 1e-9) * len(gain)
@@ -48,7 +52,8 @@ def _draw_onset(gain, peak, u):
     if not stray:
         at, u = _draw_one(inside, u)
         onset = k * ONSET_BIN + at + u
-    share = bins[k] * inside[int(np.ceil(onset)) - 1 - k * ONSET_BIN]
+    share = bins[k] * inside[int(np.ceil(onset)) - 1 - k * ONSET_BIN] if (
+        bins[k] > 0.0) else 0.0
     return onset, np.log((1.0 - STRAY_SHARE) * share * len(gain) + STRAY_SHARE)
 
 
@@ -97,6 +102,8 @@ def _draw_onset_groups(first, last, lanes, y, h, own, pair, rise, r, wild, u,
         for i in range(least, most):
             at = (i - least) // ONSET_BIN
             for g in range(lanes):
+                if np.isnan(odds[i, g]):
+                    odds[i, g] = -np.inf
                 peak[at, g] = max(peak[at, g], odds[i, g])
         for g in range(number):
             onset[start + g], density[start + g] = _draw_onset(
