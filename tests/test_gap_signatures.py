@@ -367,6 +367,13 @@ def test_bayes_factor_of_a_size_is_the_integral_over_it():
     assert_allclose(result, np.log(by_hand), rtol=1e-3)
 
 
+def test_a_gain_less_than_nothing_by_rounding_is_nothing():
+    table = signatures.bayes_table()[1]
+    none = signatures.mean_bayes(np.array([[0.0, 9.0]]), table)
+    for gain in (-1e-15, -1e-3, np.nan):
+        assert signatures.mean_bayes(np.array([[gain, 9.0]]), table) == none
+
+
 def test_moments_of_a_size_are_integrals_over_its_posterior():
     h = sensorid.hypothesis("white_noise", sigma_v=1.0, bias_sigma=0.0)
     scene = Scene(np.random.default_rng(5).standard_normal(400), DT, {})

@@ -353,7 +353,7 @@ def _amplitudes(first, last, z, seen, law, inside, cosines, tails, moments):
             if not seen[record, i]:
                 continue
             value, size = z[record, i], abs(z[record, i])
-            at = (min(max(value, -8.0), 8.0) + 8.0) * PER_SIGMA
+            at = (min(8.0, max(-8.0, value)) + 8.0) * PER_SIGMA    # NaN is at an end
             k = int(at)
             u = law[k, 0] + (at - k) * (law[k + 1, 0] - law[k, 0])
             inside[record, min(int(CLASSES * u), CLASSES - 1)] += 1.0

@@ -85,7 +85,7 @@ def _average(gain, table, plain, per_unit, result):
         top = _looked_up(best, table, per_unit)
         small, large = 0.0, 0.0
         for j in range(m):
-            at = np.sqrt(gain[node, j]) * per_unit
+            at = np.sqrt(max(0.0, gain[node, j])) * per_unit    # rounding, or NaN
             if at < len(plain) - 1:
                 low = int(at)
                 small += plain[low] + (at - low) * (plain[low + 1] - plain[low])
