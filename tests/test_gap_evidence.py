@@ -83,6 +83,23 @@ def test_a_climb_finds_mode_and_covariance_of_a_gaussian():
     assert_allclose(cov, C, rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.parametrize("factor, taken", [(1.0, False), (1.3, False), (100.0, True)])
+def test_a_climb_takes_no_curvature_where_a_law_is_right(factor, taken):
+    d, asked = 12, []
+    root = np.random.default_rng(2).uniform(0.02, 0.05, (d, d))
+    C = root @ root.T + np.diag(np.linspace(0.01, 0.1, d))**2
+    law = multivariate_normal(np.linspace(-1.0, 1.0, d), C)
+
+    def log_posterior(x):
+        asked.append(len(x))
+        return law.logpdf(x)
+    start = law.mean + 2.0 * np.linalg.cholesky(C)[:, 0]
+    mode, cov = evidence.climb(log_posterior, start, law=(start, factor * C))
+    assert law.logpdf(mode) > law.logpdf(law.mean) - 0.2
+    assert_allclose(cov, C if taken else factor * C, rtol=1e-4, atol=1e-7)
+    assert (max(asked) > 1 + 2 * d) is taken
+
+
 def stepped(effect, n=300):
     """White noise that doubles at sample 120, or halves, or a walk that is driven ten
     times as much from there on, on a bias; scene and hypothesis with all but the onset

@@ -219,8 +219,13 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         first = patience + bool(guesses and near)
         if attempt in (first, first + 1) and missed and not found:
             start, height = _highest(points, modes)
+            law = min(near, key=lambda law: ((law[0] - start)**2).sum(), default=None)
+            if law and all(((law[0] - mode)**2).sum() > 1.0 for mode, _ in modes):
+                middle = located(law[0][None]).log_posterior[0]
+                if middle > height:
+                    start, height = law[0], middle
             modes.append(_flattened(*climb(
-                lambda x: located(x).log_posterior, start, flat), flat))
+                lambda x: located(x).log_posterior, start, flat, law), flat))
             top = located(modes[-1][0][None]).log_posterior[0]
             # a second one may be missed, too; the best of a round is not at the top
             missed = top > height + MISSED_NATS + 0.5 * chi2.ppf(1.0 / few, d)
@@ -319,19 +324,23 @@ def _next_law(points, log_weight, effective, found, laws):
 
 MAX_CLIMB = 48    # steps
 FAR = 1.0         # standard deviations, on average over all axes, from where it was
-                  # taken: there a curvature is taken again, which costs d / 4 times as
-                  # many points as a slope
+                  # taken: there a curvature is taken again
+NARROWEST = 1e-12    # variance, of the prior's
 DERIVATIVE_STEP = 1e-2    # in standard deviations of the prior: wide enough to pass
                           # over the roughness that a mixture filter has
 DAMPING = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 13)])
+HIGHER = 0.1      # nats, that are worth a step
+HIGHER_BY_LAW = 0.5    # nats: that a law promises as much in vain does not disprove it
 
 
-def climb(log_posterior, x, flat=()):
+def climb(log_posterior, x, flat=(), law=None):
     """Mode (d,) uphill from x, and the covariance (d, d) of the normal law there; axes
     that are `flat` are left as they are.
 
     Newton's steps, each of them at several dampings at once (D. Marquardt, J. SIAM 11,
-    1963); `log_posterior` takes (M, d), its prior is N(0, I).
+    1963); `log_posterior` takes (M, d), its prior is N(0, I). The curvature is that of
+    a `law`, a mean and a covariance, if there is one, as long as it keeps half of what
+    it promises: to take it costs d / 4 times as many points as a slope.
     """
     start, moves = x, np.setdiff1d(np.arange(len(x)), flat)
 
@@ -342,21 +351,25 @@ def climb(log_posterior, x, flat=()):
 
     def is_far():
         return np.sum(width * (axes.T @ (x - taken))**2) > len(x) * FAR**2
-    x = start[moves]
-    taken, (height, slope, width, axes) = x, _curvature(heights_at, x)
-    for step in range(MAX_CLIMB):
-        if step:
-            if is_far():
-                taken, (height, slope, width, axes) = x, _curvature(heights_at, x)
-            else:
-                height, slope = _slope(heights_at, x)
+    x, taken, width = start[moves], None, None
+    if law:
+        width, axes = np.linalg.eigh(law[1][np.ix_(moves, moves)])
+        width = 1.0 / np.clip(width, NARROWEST, 1.0)
+    for _ in range(MAX_CLIMB):
+        if width is None or taken is not None and is_far():
+            taken, (height, slope, width, axes) = x, _curvature(heights_at, x)
+        else:
+            height, slope = _slope(heights_at, x)
         push = axes.T @ slope
         tries = x + (push / (width + DAMPING[:, None])) @ axes.T
         heights = heights_at(tries)
-        if heights.max() < height + 0.1:
+        gain, promised = heights.max() - height, 0.5 * np.sum(push**2 / width)
+        x = tries[heights.argmax()] if gain > HIGHER else x
+        if taken is None and gain < 0.5 * promised - HIGHER_BY_LAW:
+            width = None    # it is not the law of what is here
+        elif gain <= HIGHER:
             break
-        x = tries[heights.argmax()]
-    if is_far():
+    if width is None or taken is not None and is_far():
         *_, width, axes = _curvature(heights_at, x)
     mode, cov = start.copy(), np.eye(len(start))
     mode[moves], cov[np.ix_(moves, moves)] = x, axes @ np.diag(1.0 / width) @ axes.T
