@@ -15,6 +15,7 @@ from sensorlab import Scene
 from sensorlab.gap import blackbox, words
 from sensorlab.gap.distance import distance
 from sensorlab.gap.joint import NEAR, SHARE, surface_of
+from sensorlab.gap.known import default_simulator
 from sensorlab.gap.members import members
 from sensorlab.gap.twins import less_shared
 from sensorlab.gap.wrong import Beyond
@@ -301,6 +302,21 @@ def test_what_only_the_simulators_records_have_is_no_gap_of_the_record(known):
     shared = gap._replace(distance=odd)
     assert less_shared(shared, odd[None]).p_value > 0.9
     assert_allclose(less_shared(shared, -odd[None]).distance, odd)
+
+
+def on_a_weak_walk(seed):
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal(1200) + np.cumsum(0.01 * rng.standard_normal(1200))
+
+
+@pytest.mark.parametrize("own, seed", [(1, 104), large(2, 102)])
+def test_a_walk_that_one_record_does_not_show_is_no_gap_in_the_next(own, seed):
+    y = on_a_weak_walk(own)[None]
+    first = sensorlab.diagnose(y[0], DT, default_simulator(y[0], DT)).final
+    assert first.member.hypothesis.name == "white_noise"    # hardly likelier
+    simulator = sensorlab.simulator_from(y, DT)
+    assert simulator.hypotheses[0].name in ("random_walk", "markov")
+    assert sensorlab.diagnose(on_a_weak_walk(seed), DT, simulator).verdict == "none"
 
 
 def test_few_records_tell_how_wide_their_parameters_spread():
