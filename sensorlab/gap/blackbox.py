@@ -103,9 +103,10 @@ def _that_drifts_most(acc, samples, dt):
     evidence = np.array([s.log_evidence[0] for s in acc.samples])
 
     def drift(number):
-        base = acc.hypotheses[number].hypothesis
-        return np.mean([mean_square(weight, *base.filter(dt, theta[:len(
-            base.parameters)])) for theta in acc.samples[number].nodes(DRIFTS)])
+        h = acc.hypotheses[number]
+        nodes = h.in_units(acc.samples[number].nodes(DRIFTS))
+        return np.mean([mean_square(weight, *h.hypothesis.filter(dt, theta)) for theta
+                        in nodes[:, :len(h.hypothesis.parameters)]])
     best = int(max(np.flatnonzero(evidence > evidence.max() - OCCAM), key=drift))
     return acc if best == acc.best else acc._replace(
         best=best, theta=acc.samples[best].mean)
