@@ -28,7 +28,7 @@ The file reads in the order of the paper; a section calls only sections above it
 
 import sys
 
-__version__ = "0.40.0"
+__version__ = "0.41.0"
 
 
 def main(argv=None):

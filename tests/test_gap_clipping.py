@@ -70,6 +70,33 @@ def test_what_has_no_noise_is_unclipped_without_end_or_error(x):
     assert np.all((filled[x >= high] >= high) | np.isnan(filled[x >= high]))
 
 
+@pytest.mark.parametrize("lsb, limit", [(0.5, 1.5), (0.8, 1.6), (1.0, 1.0)])
+def test_counts_as_coarse_as_the_noise_show_a_limit(lsb, limit):
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        x = 0.2 * rng.uniform(-1.0, 1.0) + rng.standard_normal(1500)
+        assert not limits_seen(lsb * np.round(x / lsb))
+        y = lsb * np.round(np.minimum(x, limit) / lsb)
+        assert limits_seen(y) == [[-np.inf, limit]]
+
+
+@pytest.mark.parametrize("lsb", [0.1, 0.4, 1.0])
+def test_a_calmer_part_at_one_end_is_no_limit(lsb):
+    rng, late = np.random.default_rng(7), np.arange(3000) >= 1500
+    for _ in range(20):
+        x = np.where(late, 3.0 + 0.4 * rng.standard_normal(3000),
+                     rng.standard_normal(3000))
+        assert not limits_seen(lsb * np.round(x / lsb))
+
+
+@pytest.mark.parametrize("lsb", [0.1, 0.2])
+def test_what_is_folded_is_not_limited(lsb):
+    rng = np.random.default_rng(8)
+    for _ in range(10):
+        x = 1.0 - np.abs(1.0 - rng.standard_normal(1500))
+        assert not limits_seen(lsb * np.round(x / lsb))
+
+
 @pytest.mark.parametrize("lsb", [0.02, 0.2, thorough(0.1), thorough(0.5)])
 def test_a_limit_shows_on_any_lattice_but_a_tail_does_not(lsb):
     rng = np.random.default_rng(4)

@@ -450,12 +450,12 @@ def test_clipped_noise_on_a_coarse_lattice_is_seen(lsb):
 def test_what_two_ends_of_a_short_record_tell_adds_up():
     rng, told = np.random.default_rng(5), []
     for _ in range(20):
-        y = 0.25 * np.round(rng.standard_normal(1000) / 0.25)
-        assert np.isinf(clipping.limits_of(y, 0.25, 1.0)[0]).all()
+        y = 0.4 * np.round(rng.standard_normal(1000) / 0.4)
+        assert np.isinf(clipping.limits_of(y, 0.4, 1.0)[0]).all()
         limits = np.quantile(y, [0.02, 0.98], method="nearest")
         y = np.clip(y, *limits)
-        assert clipping.limits_of(y, 0.25, 1.0)[0] == list(limits)
-        told += [clipping._abruptness(np.abs(y - end), 0.25) for end in limits]
+        assert clipping.limits_of(y, 0.4, 1.0)[0] == list(limits)
+        told += [clipping._abruptness(np.abs(y - end), 0.4) for end in limits]
     assert clipping.ABRUPT / 2 < min(told) < clipping.ABRUPT < max(told)
 
 

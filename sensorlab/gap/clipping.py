@@ -7,13 +7,14 @@ import functools
 import numpy as np
 from numba import njit
 from scipy.optimize import minimize
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import log_ndtr, ndtr
 
 from sensorid import INSIDE
-from sensorlab.gap.codes import uneven_codes
+from sensorlab.gap.codes import (
+    most_likely_mixture, normal_shares, uneven_codes)
 from sensorlab.gap.kernels.arithmetic import row_products
 from sensorlab.gap.kernels.lanes import KERNEL
-from sensorlab.gap.values import COARSE, TELLING, less_rounding, unpredicted
+from sensorlab.gap.values import COARSE, NOISY, TELLING, less_rounding, unpredicted
 
 
 # ---- limits
@@ -33,118 +34,104 @@ def limits_of(y, lsb, noise):
     clipped = np.zeros(len(y), bool)
     if np.ptp(seen) < (FEWEST_CODES - 1.5) * lsb:
         return [-np.inf, np.inf], clipped
-    ends, full, nats = [], [], []
-    for sign in (-1.0, 1.0):
-        end = sign * np.max(sign * seen)
-        # on a lattice, a few far out may meet on one value: what is next to it counts
-        near = [*sign * np.unique(sign * seen)[-TAIL - 1:-1], *(
-            end - sign * k * lsb for k in range(1, TAIL + 1) if lsb)]
-        before = max((np.sum(np.abs(y - v) <= 0.5 * lsb) for v in near), default=0)
-        least = 3 if lsb < COARSE * noise else 3 * TAIL
-        at_end = y == end
-        count = np.sum(at_end)
-        # where others do not come again, none does by chance; it may stick once
-        others = seen[seen != end]
-        alone = not lsb and count >= least and np.sum(np.diff(at_end)) > 3 and (
-            2 * len(np.unique(others)) > len(others))
-        apart = np.abs(end - seen)
-        near = _is_near(end, seen, lsb)
-        ends.append(float(end))
-        full.append(near and (
-            alone or count >= least + 2.0 * before + 6.0 * np.sqrt(before)
-            or lsb >= COARSE * noise and lsb > 0.0 and count >= least
-            and _piles_up(apart / lsb)))
-        nats.append(_abruptness(apart, lsb) if near and lsb and count >= least
-                    and not uneven_codes(others, lsb)[0] else 0.0)
+    ends = [float(sign * np.max(sign * seen)) for sign in (-1.0, 1.0)]
+    nats = [_sure(end, seen, lsb, noise) for end in ends]
     limits = [-np.inf, np.inf]
     for k, end in enumerate(ends):
-        if full[k] or nats[k] > ABRUPT or min(nats) > 0.5 * ABRUPT:
+        if nats[k] > ABRUPT or min(nats) > 0.5 * ABRUPT:
             limits[k] = end
             clipped |= y == end
     return limits, clipped
 
 
-ABRUPT = 14.0        # nats, by which a record is unlikely to end as it does
-SPAN = 8.0           # standard deviations that a noise has
+ABRUPT = 14.0    # nats, by which a record is unlikely to end as it does
+
+
+def _sure(end, seen, lsb, noise):
+    """Nats by which an end of a record (N,) is rather a limit than the end of a tail;
+    infinite where it is far fuller.
+    """
+    others = seen[seen != end]
+    count, least = len(seen) - len(others), 3 if lsb < COARSE * noise else 3 * TAIL
+    if count < least or not _is_near(end, others, lsb):
+        return 0.0
+    # on a lattice, a few far out may meet on one value: what is next to it counts
+    apart = np.abs(end - seen)
+    near = [*np.unique(apart)[1:TAIL + 1], *(
+        k * lsb for k in range(1, TAIL + 1) if lsb)]
+    before = max((np.sum(np.abs(apart - v) <= 0.5 * lsb) for v in near), default=0)
+    # where others do not come again, none does by chance; it may stick once
+    alone = not lsb and np.sum(np.diff(seen == end)) > 3 and (
+        2 * len(np.unique(others)) > len(others))
+    if alone or count >= least + 2.0 * before + 6.0 * np.sqrt(before) or (
+            lsb > 0.0 and lsb >= COARSE * noise and _piles_up(apart / lsb)):
+        return np.inf
+    return _abruptness(apart, lsb) if lsb and not uneven_codes(others, lsb)[0] else 0.0
 
 
 def _abruptness(apart, lsb):
-    """Nats, at least, by which a record is unlikely to have nothing beyond the last
-    code of a lattice. Samples are `apart` (N,) from it.
+    """Nats by which the last code of a lattice is rather a limit than one after which
+    others were never met by chance; 0 if that code does not hold those. Samples are
+    `apart` (N,) from it.
+
+    Any mixture of normal laws may be that of the record, each as wide as the noise
+    there. Where a limit is, what they have beyond is on that code. A
+    record that is folded, or begins again at its other end, ends as abruptly, but that
+    code is then not as full.
+    """
+    noise = _noise_near_end(apart, lsb) / lsb
+    if noise < 1.0 / NOISY:
+        return 0.0
+    beyond = int(np.ceil(SPAN * noise))
+    code = np.round(apart / lsb).astype(int)
+    count = np.bincount(code[code <= MOST_INSIDE * noise])
+    all_codes = normal_shares(beyond + len(count), noise, beyond)
+    ends = all_codes[beyond:]
+    clipped = np.vstack([all_codes[:beyond + 1].sum(0), ends[1:]])
+    goes_on = _log_likelihood(np.append(np.zeros(beyond), count), all_codes)
+    limited, ended = _log_likelihood(count, clipped), _log_likelihood(count, ends)
+    return limited - goes_on if ended - limited < BETTER else 0.0
+
+
+def _noise_near_end(apart, lsb):
+    """Standard deviation of what is not foretold of samples, `apart` (N,) from an end,
+    and least where those are foretold to be nearest to it.
     """
     left = unpredicted(apart[:TELLING])
-    noise = 0.0 if left is None else less_rounding(np.std(left), lsb)
-    return max(_by_number(apart, lsb, noise),
-               _by_what_is_foretold(apart, lsb, noise, left)) if noise else 0.0
-
-
-def _by_number(apart, lsb, noise):
-    """Nats by which there are so many samples on the last code of a lattice that there
-    ought to be others beyond; 0 if that code cannot hold those. Samples are `apart`
-    (N,) from it.
-
-    What cannot be predicted is normal, of standard deviation s at least. If n of N
-    samples are on the code, it lies D s at most above what is predicted, the normal
-    quantile of 1 - n / N, and beyond it r n are to be expected at least, r the sum of
-    exp(-D x - x^2 / 2), x in units of s; a code may be half as wide again. That n are
-    on it and none beyond has at most the probability (1 + r)^-n, whatever was to be
-    expected there. Those others must be on it, too: a record that is folded, or begins
-    again at its other end, ends as abruptly.
-    """
-    on = apart < 0.5 * lsb
-    count = on[0] + np.sum(on[1:] & ~on[:-1])    # what is slow rests there
-    if not count:
+    if left is None:
         return 0.0
-    x = lsb / noise * (np.arange(1, int(SPAN * noise / lsb) + 2) + 0.5)
-    above = -ndtri(0.5 * count / len(apart))
-    beyond = np.exp(-above * x - 0.5 * x**2).sum()
-    holds = beyond < 0.5 or _holds_more(apart / lsb, beyond)    # half does not tell
-    return count * np.log1p(beyond) if holds else 0.0
+    foretold = apart[:TELLING][-len(left):] - left
+    near = foretold <= np.quantile(foretold, NEAREST)
+    return less_rounding(min(np.std(left), np.sqrt(np.mean(left[near]**2))), lsb)
 
 
-def _holds_more(apart, beyond):
-    """May the last code of a lattice hold so many times its own samples more? Samples
-    are so many codes `apart` (N,) from it.
+NEAREST = 0.25    # of the samples
+
+
+def _log_likelihood(count, share):
+    """Of Poisson counts (n,) under the most likely mixture of laws that have shares
+    (n, k) of them, but for what is the same under any.
     """
-    root, foretold, sd = _foretold(apart, 1)
-    return root > np.sqrt(1.0 + beyond) * foretold - TOO_FEW * sd
+    law = most_likely_mixture(count, share)
+    return float(count @ np.log(law) - law.sum())
 
 
-FINE = 2.0    # times the noise, at most, is a code where it does not hide what is slow
-
-
-def _by_what_is_foretold(apart, lsb, noise, left):
-    """Nats by which samples on the last code of a lattice, by what is foretold of each,
-    belong beyond; 0 if that code cannot hold those. Samples are `apart` (N,) from it,
-    of which those before leave `left`.
-
-    Where the noise is normal, of standard deviation s about what those before foretell,
-    a sample that is on the code or beyond is beyond with a known probability p: that
-    none of those is there has that of the product of 1 - p. A code may be half as wide
-    again.
-    """
-    if lsb > FINE * noise:
-        return 0.0
-    last = apart[:TELLING][-len(left):]
-    away = (last - left)[last < 0.5 * lsb] / noise
-    beyond = np.exp(log_ndtr(-lsb / noise - away) - log_ndtr(0.5 * lsb / noise - away))
-    holds = _holds_more(apart / lsb, np.mean(beyond / (1.0 - beyond)))
-    return -np.log1p(-beyond).sum() if holds else 0.0
+SPAN = 8.0           # standard deviations that a noise has
+MOST_INSIDE = 20.0   # of them: of what is farther inside nothing is beyond
+BETTER = np.log(100.0)    # nats by which a law that ends must fit better than a limit
 
 
 APART = 5.0    # standard deviations of the noise: what is farther out was never clipped
 
 
-def _is_near(end, seen, lsb):
+def _is_near(end, others, lsb):
     """Do other values of a record come near its end? If not, that is what a logger
     writes where it has no value.
     """
-    others = seen[seen != end]
     noise = np.sqrt(np.mean(np.diff(others)**2) / 2.0) if len(others) > 1 else 0.0
     return np.abs(end - others).min(initial=np.inf) <= max(APART * noise, 1.5 * lsb)
 
 
-TOO_FEW = 2.0    # standard deviations by which there are less than that
 FEWEST_NEXT, MOST_NEXT = 4, 8    # codes next to the last one, that foretell it
 PILED = 4.0    # standard deviations by which there is more than they foretell
 
@@ -152,36 +139,23 @@ PILED = 4.0    # standard deviations by which there is more than they foretell
 def _piles_up(apart):
     """Is the last code of a lattice met more often than those next to it foretell?
     Samples are so many codes `apart` (N,) from it.
-    """
-    told = _foretold(apart, FEWEST_NEXT)
-    if told is None:
-        return False
-    root, foretold, sd = told
-    return root - foretold > PILED * sd
 
-
-def _foretold(apart, fewest):
-    """Root of the count of the last code of a lattice; what those next to it foretell,
-    and the standard deviation of the difference; None if these are less than the
-    fewest.
-
-    Samples are so many codes `apart` (N,) from it. Roots of counts have one variance,
-    or more if codes are of uneven width (F. J. Anscombe, Biometrika 35, 1948); up to
-    the fullest code a parabola foretells them, or a line if they are few.
+    Roots of counts have one variance, or more if codes are of uneven width (F. J.
+    Anscombe, Biometrika 35, 1948); up to the fullest code a parabola foretells them, or
+    a line if they are few.
     """
     near = np.round(apart[apart < 2 * MOST_NEXT]).astype(int)
     count = np.bincount(near, minlength=FEWEST_NEXT)
     root, own = np.sqrt(count + 0.375), np.arange(
         1, min(MOST_NEXT, count[1:].argmax() + 1) + 1)
-    if len(own) < fewest:
-        return None
-    powers = np.vander(own, 3 if len(own) > FEWEST_NEXT + 1 else min(len(own), 2),
-                       increasing=True)
+    if len(own) < FEWEST_NEXT:
+        return False
+    powers = np.vander(own, 3 if len(own) > FEWEST_NEXT + 1 else 2, increasing=True)
     inverse = np.linalg.inv(powers.T @ powers)
     fit = inverse @ (powers.T @ root[own])
     off = root[own] - powers @ fit
-    variance = max(0.25, off @ off / max(len(own) - len(fit), 1))
-    return root[0], max(fit[0], np.sqrt(0.375)), np.sqrt(
+    variance = max(0.25, off @ off / (len(own) - len(fit)))
+    return root[0] - max(fit[0], np.sqrt(0.375)) > PILED * np.sqrt(
         variance * (1.0 + inverse[0, 0]))
 
 

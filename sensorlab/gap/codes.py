@@ -88,8 +88,7 @@ def _least_noise(y, lsb):
     return NORMAL * less_rounding(noise, lsb)
 
 
-REWEIGHTED = 30    # times, until the most likely law is found
-TILTED = 4         # powers of the value in the logarithm of what makes a law another
+TILTED = 4    # powers of the value in the logarithm of what makes a law another
 
 
 def _mixed_law(count, noise):
@@ -99,16 +98,40 @@ def _mixed_law(count, noise):
     noise may be a little skewed, or have tails.
     """
     n = len(count)
-    middle = np.arange(-2.0 * noise, n - 1.0 + 2.5 * noise, 0.5 * noise)
-    ends = (np.arange(n + 1)[:, None] - 0.5 - middle) / noise
-    share, law = np.diff(ndtr(ends), axis=0), np.maximum(count, 1.0)
-    for _ in range(REWEIGHTED):    # least squares in the variances of Poisson counts
-        weight = nnls(share / np.sqrt(law)[:, None], count / np.sqrt(law))[0]
-        law, last = np.maximum(share @ weight, 0.01), law
-        if np.abs(law - last).max() < 0.01 * np.sqrt(law.max()):
-            break
+    law = most_likely_mixture(count, normal_shares(n, noise))
     return _fitted(count, np.polynomial.legendre.legvander(
         np.linspace(-1.0, 1.0, n), TILTED), np.zeros(TILTED + 1), law)
+
+
+def normal_shares(n, noise, before=0):
+    """Shares (n, k) of normal laws, of a standard deviation of so many codes, that n
+    codes have, if the laws are all about those but so many of the first.
+    """
+    middle = np.arange(before - REACH * noise, n - 1.0 + REACH * noise, APART * noise)
+    ends = (np.arange(n + 1)[:, None] - 0.5 - middle) / noise
+    return np.diff(ndtr(ends), axis=0)
+
+
+REACH, APART = 2.5, 0.5    # standard deviations: of laws beyond codes, between laws
+REWEIGHTED = 30     # times, until the most likely law is found
+LEAST = 0.01        # counts that are expected of a code
+RIDGE = 1e-3        # standard deviations of a weight, inverse: laws so near are alike
+
+
+def most_likely_mixture(count, share):
+    """Expected counts (n,) of codes under the most likely mixture of laws, of which
+    codes have shares (n, k), if counts are Poisson: by least squares in their variances.
+    """
+    law, ridge = np.maximum(count, 1.0), RIDGE * np.eye(share.shape[1])
+    wanted = np.zeros(len(count) + len(ridge))
+    for _ in range(REWEIGHTED):
+        scale = 1.0 / np.sqrt(law)
+        wanted[:len(count)] = count * scale
+        weight = nnls(np.vstack([share * scale[:, None], ridge]), wanted)[0]
+        law, last = np.maximum(share @ weight, LEAST), law
+        if np.abs(law - last).max() < 0.01 * np.sqrt(law.max()):
+            break
+    return law
 
 
 def _smooth_law(count):
