@@ -330,6 +330,25 @@ def test_uneven_polling_shows_a_rate_but_ties_without_pattern_none():
             r.found.name for r in readings.readings(Scene(other, DT, {}))]
 
 
+@pytest.mark.parametrize("lsb, begins, length", [
+    (0.3, range(50, 1500, 150), 8), (0.6, range(100, 1500, 370), 12),
+    (1.0, range(100, 1500, 370), 20), (1.5, [600], 200), (1.8, [600], 200)])
+def test_spans_among_counts_are_told_where_together_they_are_no_chance(
+        lsb, begins, length):
+    rng, told = np.random.default_rng(9), 0
+    for _ in range(10):
+        y = lsb * np.round((0.3 * rng.standard_normal() + np.cumsum(
+            0.003 * rng.standard_normal(1500)) + rng.standard_normal(1500)) / lsb)
+        nothing = np.zeros(1500, bool)
+        assert repeats.stuck_spans(y, lsb, nothing)[0] == []
+        for begin in begins:
+            y[begin:begin + length] = y[begin]
+        spans = repeats.stuck_spans(y, lsb, nothing)[0]
+        told += sum(own <= begin and begin + length <= own + n < begin + length + 20
+                    for own, n in spans for begin in begins)
+    assert told > 0.9 * 10 * len(begins)
+
+
 @pytest.mark.parametrize("calm", [    # of a count
     0.4, thorough(0.8), thorough(1.2), large(5.0)])
 def test_values_meet_by_chance_where_a_record_is_calm(calm):

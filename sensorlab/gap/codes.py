@@ -120,7 +120,7 @@ RIDGE = 1e-3        # standard deviations of a weight, inverse: laws so near are
 
 def most_likely_mixture(count, share):
     """Expected counts (n,) of codes under the most likely mixture of laws, of which
-    codes have shares (n, k), if counts are Poisson: by least squares in their variances.
+    codes have shares (n, k), by least squares in the variances of Poisson counts.
     """
     law, ridge = np.maximum(count, 1.0), RIDGE * np.eye(share.shape[1])
     wanted = np.zeros(len(count) + len(ridge))

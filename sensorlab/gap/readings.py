@@ -157,7 +157,7 @@ def readings(scene, average=None):
     if moved:
         lsb, noise = moved, less_rounding(noise, moved)
     limits, clipped = limits_of(y, lsb, noise)
-    spans, stuck = stuck_spans(y, lsb, noise, clipped)
+    spans, stuck = stuck_spans(y, lsb, clipped)
     if clipped.any():
         seen.append(_shown_by(clipped, "saturation", limits=limits)._replace(
             opaque=bool(clipped.mean() > HIDDEN)))
@@ -211,8 +211,7 @@ def _low_passed(scene, y, steep):
     if counts:
         found = found._replace(variant=ROUNDED)
     shown = Reading(found, steep.log_bayes, nothing, False), *counts
-    spans, stuck = ([], nothing) if counts else stuck_spans(
-        y, lsb, noise_of(y, lsb), nothing)
+    spans, stuck = ([], nothing) if counts else stuck_spans(y, lsb, nothing)
     return (*shown, *_stuck(scene, spans, stuck))
 
 

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import next_fast_len
-from scipy.special import erf, xlogy
+from scipy.special import erf, pdtrc, xlogy
 
 from sensorlab.gap.values import (
     CERTAIN, FEWEST, MOSTLY, NOISY, SMOOTH_OVER, TELLING, beside, lattice,
-    lattice_and_noise, lattice_between, less_rounding, more_than_chance,
-    noise_where_calm, runs, unpredicted, within)
+    lattice_and_noise, lattice_between, less_rounding, noise_of, noise_where_calm, runs,
+    unpredicted, within)
 
 
 class Repeats(NamedTuple):
@@ -262,58 +262,77 @@ def _equal_by_chance(y):
 
 # ---- in spans
 
-def stuck_spans(y, lsb, noise, clipped):
+RARE = 0.1       # runs as long that are to be expected by chance: of more none is told
+SELDOM = 1e-4    # probability that so many are as long
+
+
+def stuck_spans(y, lsb, clipped):
     """Runs (first sample, length) of equal values longer than chance, and the samples
     (N,) of them but the first, which is a reading.
 
+    As many of the longest are told as are hardly ever met by chance, by a Poisson law.
     Where some are, others are that are more likely one more of them than chance: of n
     spans of m ties in the mean, one begins at a sample of N and has a length with the
     probability n / (N m) or less.
     """
-    same = np.append(False, np.diff(y) == 0.0) & ~clipped
-    start, length = _longer_than(1e-4, y, *runs(same), lsb, noise)
-    if len(start):
-        more = max(1e-4, len(start) / length.mean())
-        start, length = _longer_than(more, y, *runs(same), lsb, noise)
-    spans = list(zip(start - 1, length + 1))
-    return spans, within(start, length, len(y))
-
-
-def _longer_than(by_chance, y, start, length, lsb, noise):
-    """Runs of equal values of a record (N,), of which so many, at most, are to be
-    expected of chance.
-    """
-    # what a part of the record, or neighbours, lie on is no lattice of it
-    tie = _stays(lsb, noise) if lsb else _tie_by_chance(start, length, len(y))
-    own = length >= more_than_chance(tie, len(y), by_chance)
+    start, length = runs(np.append(False, np.diff(y) == 0.0) & ~clipped)
+    chance = (_expected_on_lattice(y, start, length, lsb) if lsb else
+              len(y) * _tie_by_chance(start, length, len(y))**length)
+    rare = (length > 1) & (chance < RARE)
+    start, length, chance = start[rare], length[rare], chance[rare]
+    rarest = np.sort(chance)
+    sure = np.flatnonzero(pdtrc(np.arange(len(rarest)), rarest) < SELDOM)
+    own = chance <= (rarest[sure[-1]] if len(sure) else -1.0)
+    if own.any():
+        own |= chance <= own.sum() / length[own].mean()
     start, length = start[own], length[own]
-    while lsb and len(start):    # noise, and counts, may change: those nearby tell
-        noise, ties = _nearby(y, start, length)
-        tie = np.maximum(_stays(lsb, less_rounding(noise, lsb)), ties)
-        own = length >= more_than_chance(tie, len(y), by_chance)
-        if own.all():
-            break
-        start, length = start[own], length[own]
-    return start, length
+    return list(zip(start - 1, length + 1)), within(start, length, len(y))
 
 
-def _stays(lsb, noise):
-    """Probability that a value in the middle of its cell stays there by chance; 1 where
-    the noise does not tell.
+def _expected_on_lattice(y, start, length, lsb):
+    """How many runs of equal values are to be expected by chance that are as long as
+    those of that first sample and length, if values (N,) lie on a lattice; infinitely
+    many where the noise does not tell.
+
+    Noise, and counts, may change: those before or behind a run tell, where most are
+    equal, or the noise is least if few are.
     """
-    return np.where(lsb < 2.0 * noise, erf(
-        lsb / np.maximum(2.0 * np.sqrt(2.0) * noise, lsb)), 1.0)
-
-
-def _nearby(y, start, length):
-    """Standard deviations of the white noise next to runs of equal values of that first
-    sample and length, where it is calmer: before or behind them, the runs left out; and
-    the share of samples there that equal the last, where it is larger.
-    """
+    N, long = len(y), length > LONGEST
+    left_out = within(start[long], length[long], N)
+    if not len(length) or left_out.mean() > 0.5 or lsb >= NOISY * noise_of(
+            np.where(left_out, np.nan, y), lsb):
+        return np.full(len(length), np.inf)
     step = np.abs(np.diff(y, prepend=np.nan))
     same = np.where(np.isnan(step), np.nan, step == 0.0)
-    return (np.minimum(*beside(step, start, length, np.inf)) * np.sqrt(np.pi) / 2.0,
-            np.maximum(*beside(same, start, length, 0.0)))
+    usual = np.minimum(_stays(np.nanmean(same, where=~left_out)),
+                       _stays_in(np.nanmean(step, where=~left_out), lsb))
+    chance = N * usual**length
+    rare = np.flatnonzero(chance < RARE)
+    while len(rare):
+        runs_of = start[rare], length[rare]
+        by_ties = _stays(np.maximum(*beside(same, *runs_of, 0.0)))
+        by_noise = _stays_in(np.minimum(*beside(step, *runs_of, np.inf)), lsb)
+        chance[rare] = N * np.maximum(by_ties, np.minimum(by_noise, usual)
+                                      )**length[rare]
+        rarer = rare[chance[rare] < RARE]
+        if len(rarer) == len(rare):
+            break
+        rare = rarer
+    return chance
+
+
+def _stays(ties):
+    """Probability that a value in the middle of its cell stays there, if neighbours are
+    equal with that of ties: sqrt(2) times it, to a tenth, wherever the mean lies, if
+    noise has half of a cell as its standard deviation or more.
+    """
+    return np.minimum(np.sqrt(2.0) * ties, 1.0)
+
+
+def _stays_in(step, lsb):
+    """The same by the mean size of the steps that noise makes."""
+    noise = less_rounding(0.5 * np.sqrt(np.pi) * step, lsb)
+    return erf(lsb / np.maximum(np.sqrt(8.0) * noise, np.finfo(float).tiny))
 
 
 def _tie_by_chance(start, length, samples):
