@@ -102,7 +102,7 @@ def test_what_a_sensor_gives_is_no_dropout(y):
     assert not dropouts(y).own.any()
 
 
-@pytest.mark.parametrize("lsb", [0.0, 0.2])
+@pytest.mark.parametrize("lsb", [0.0, 0.2, 1.0, 1.5])
 def test_zeros_that_no_noise_reaches_are_lost_and_no_limit(lsb):
     """In a few spells, among values of which hardly any comes near."""
     rng = np.random.default_rng(5)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import erf, ndtr
 
 from sensorlab.gap.values import (
-    CERTAIN, EXACT, FEWEST, NORMAL_MEDIAN, PREDICTED_BY, TELLING, lattice,
+    CERTAIN, EXACT, FEWEST, NOISY, NORMAL_MEDIAN, PREDICTED_BY, TELLING, lattice,
     less_rounding, not_foretold, runs)
 
 
@@ -139,11 +139,12 @@ def _on_one_code(lsb, noise):
 
 def _is_out_of_reach(y, own):
     """Is 0, which samples (N,) are, beyond one end of all others, and met far more
-    often than those before foretell? What is clipped is foretold to be near.
+    often than those before foretell, or half as surely so but then for long? What is
+    clipped is foretold to be near.
     """
     y, own = y[:TELLING], own[:TELLING]
     others = y[~own & ~np.isnan(y)]
-    if len(np.unique(others)) < FEWEST or others.min() < 0.0 < others.max():
+    if len(others) < FEWEST or others.min() < 0.0 < others.max():
         return False
     near = np.lib.stride_tricks.sliding_window_view(
         np.where(own, np.nan, y), PREDICTED_BY)[:-1]
@@ -153,13 +154,20 @@ def _is_out_of_reach(y, own):
     if count < FEWEST_RUNS or len(lost) - count < 4 * PREDICTED_BY:
         return False
     left = not_foretold(true, near, ~lost)
-    sd, lsb = np.median(np.abs(left[~lost])) / NORMAL_MEDIAN, lattice(others)
-    if not sd > lsb:    # it may be one code of few
+    size = np.abs(left[~lost])
+    usual = size <= FAR * np.median(size) / NORMAL_MEDIAN    # counts have no fine median
+    sd = np.sqrt(np.mean(size[usual]**2))
+    lsb = lattice(y)
+    if not NOISY * less_rounding(sd, lsb) > lsb:    # it may be one code of few
         return False
     above = (true - left) * np.sign(others[0]) - 0.5 * lsb
     foretold = ndtr(-above / sd).sum() + ALMOST_NEVER
-    return bool(count > foretold and count * np.log(count / foretold) > (
-        count - foretold + CERTAIN))
+    if count <= foretold:
+        return False
+    nats = count * np.log(count / foretold) - count + foretold
+    again = np.sum(own[1:] & own[:-1]) * -np.log(
+        _on_one_code(lsb, less_rounding(sd, lsb)))
+    return bool(nats > CERTAIN or nats > 0.5 * CERTAIN and again > CERTAIN)
 
 
 def _is_met_too_often(value, others, lsb, noise, count):
