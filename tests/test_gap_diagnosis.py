@@ -237,6 +237,23 @@ def test_what_drifts_returns_or_lags_is_named(effect):
         assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
 
 
+@pytest.mark.large
+@pytest.mark.parametrize("play", [0.1, 0.3])
+def test_a_play_is_read_with_its_size(play):
+    rng, t = np.random.default_rng(7), np.arange(2000)
+    T = 25.0 + 5.0 * np.sin(2.0 * np.pi * t / 800.0)
+    behind, at, width = np.empty(2000), T[0], play * np.ptp(T)
+    for i, value in enumerate(T):
+        behind[i] = at = min(max(at, value - width), value + width)
+    y = (T - behind) / width + rng.standard_normal(2000)
+    d = sensorlab.diagnose(y, DT, [sensorid.hypothesis("white_noise", sigma_v=1.0)],
+                           dict(temperature=T))
+    assert d.verdict == "hysteresis"
+    for symbol, true in (("play", play), ("size", 1.0)):
+        mean, sd = d.found[0].values[symbol]
+        assert abs(mean - true) < 3.0 * sd < 0.5 * true
+
+
 @pytest.mark.parametrize("lag, column", [
     thorough("delay", "rate"), thorough("first order", "acceleration"),
     thorough("second order", "pressure"), thorough("reference", "rate")])

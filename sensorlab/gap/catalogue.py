@@ -174,8 +174,8 @@ MIN_SHAPED = 8    # of a pulse: fewer have no shape but a rectangle
 MIN_RINGING = 16    # of a ringing, or a burst: fewer are outliers
 MIN_STEPS = 10    # in a record, on average: fewer are bias steps
 MIN_REST = 30    # samples from one step to the next: fewer are a walk
-WIDEST_PLAY = 0.25    # of the range of a column, to either side: a wider loop is hardly
-                      # told from the column itself
+WIDEST_PLAY = 0.4    # of the range of a column, to either side: a wider loop is hardly
+                     # told from the column itself
 LATEST = 300.0    # sampling intervals by which a sensor is late
 MIN_BURST = 8    # samples of a burst of noise: fewer are outliers
 MIN_SIDE = 16    # samples on either side of a change of noise: fewer tell no variance

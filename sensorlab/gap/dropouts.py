@@ -155,7 +155,7 @@ def _is_out_of_reach(y, own):
         return False
     left = not_foretold(true, near, ~lost)
     size = np.abs(left[~lost])
-    usual = size <= FAR * np.median(size) / NORMAL_MEDIAN    # counts have no fine median
+    usual = size <= FAR * np.median(size) / NORMAL_MEDIAN
     sd = np.sqrt(np.mean(size[usual]**2))
     lsb = lattice(y)
     if not NOISY * less_rounding(sd, lsb) > lsb:    # it may be one code of few
