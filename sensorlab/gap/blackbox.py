@@ -8,14 +8,14 @@ import numpy as np
 from scipy.special import ndtr
 from scipy.stats import t as student
 
-from sensorid import Parameter, mean_square
+from sensorid import Parameter
 from sensorlab.gap.account import account
 from sensorlab.gap.augmented import with_ranges
 from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import fixed
 from sensorlab.gap.implied import NEAREST
 from sensorlab.gap.joint import joint_of
-from sensorlab.gap.known import as_records, default_simulator
+from sensorlab.gap.known import as_records, default_simulator, mean_squares
 from sensorlab.gap.members import Simulator
 from sensorlab.gap.readings import as_read, readings, recorded
 from sensorlab.gap.standins import solved_by
@@ -103,10 +103,10 @@ def _that_drifts_most(acc, samples, dt):
     evidence = np.array([s.log_evidence[0] for s in acc.samples])
 
     def drift(number):
-        h = acc.hypotheses[number]
-        nodes = h.in_units(acc.samples[number].nodes(DRIFTS))
-        return np.mean([mean_square(weight, *h.hypothesis.filter(dt, theta)) for theta
-                        in nodes[:, :len(h.hypothesis.parameters)]])
+        one = acc.hypotheses[number]
+        nodes = one.in_units(acc.samples[number].nodes(DRIFTS))
+        count = len(one.hypothesis.parameters)
+        return np.mean(mean_squares(one.hypothesis, dt, weight, nodes[:, :count]))
     best = int(max(np.flatnonzero(evidence > evidence.max() - OCCAM), key=drift))
     return acc if best == acc.best else acc._replace(
         best=best, theta=acc.samples[best].mean)

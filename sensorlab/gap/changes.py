@@ -8,8 +8,9 @@ from numba import njit
 from sensorid import INSIDE, brief
 from sensorlab.gap.effects import LONG_RECORD
 from sensorlab.gap.kernels.lanes import (
-    KERNEL, LANES, MOST_LANES, drive, groups, in_threads, load, observe_covariance,
-    observe_state, turn, turn_covariance, update_covariance, update_state)
+    KERNEL, LANES, MOST_LANES, drive, groups, in_rows, in_threads, load,
+    observe_covariance, observe_state, turn, turn_covariance, update_covariance,
+    update_state)
 from sensorlab.gap.linear import explained
 from sensorlab.gap.parts import in_parts, parts_at
 
@@ -70,7 +71,7 @@ def draw_onsets(y, h, own, pair, rise, r, wild, u, least, most):
     standard scores are `wild` (2, M) at most.
     """
     onset, density = np.zeros((2, len(u)))
-    h, u, r, wild = map(np.ascontiguousarray, (h, u, r, wild))    # one kernel for all
+    h, u, r, wild = in_rows(h, u, r, wild)
     # as many on any machine, since gains are kept once those of all lanes have settled;
     # what a law needs is as long as the record
     lanes = LANES if len(y) > LONG_RECORD else min(

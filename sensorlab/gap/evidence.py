@@ -190,6 +190,9 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
         ll = log_likelihood(theta)
         return _Points(x, theta, moved, or_nothing(ll))
 
+    def heights_at(x):
+        return located(x).log_posterior
+
     d = len(free_columns(parameters))
     if d == 0:
         one = located(np.zeros((1, 0)))
@@ -218,15 +221,9 @@ def integrate(log_likelihood, parameters, guesses=(), move=None, floor=-np.inf,
             break
         first = patience + bool(guesses and near)
         if attempt in (first, first + 1) and missed and not found:
-            start, height = _highest(points, modes)
-            law = min(near, key=lambda law: ((law[0] - start)**2).sum(), default=None)
-            if law and all(((law[0] - mode)**2).sum() > 1.0 for mode, _ in modes):
-                middle = located(law[0][None]).log_posterior[0]
-                if middle > height:
-                    start, height = law[0], middle
-            modes.append(_flattened(*climb(
-                lambda x: located(x).log_posterior, start, flat, law), flat))
-            top = located(modes[-1][0][None]).log_posterior[0]
+            start, height, law = _to_climb(heights_at, points, modes, near)
+            modes.append(_flattened(*climb(heights_at, start, flat, law), flat))
+            top = heights_at(modes[-1][0][None])[0]
             # a second one may be missed, too; the best of a round is not at the top
             missed = top > height + MISSED_NATS + 0.5 * chi2.ppf(1.0 / few, d)
             law = modes[-1]
@@ -289,12 +286,21 @@ def _drawn(mean, cov, count, rng):
         sd).sum()
 
 
-def _highest(points, modes):
-    """The most probable point away from modes that are known, and how probable."""
-    height = points.log_posterior
-    for mode, _ in modes:
-        height[((points.x - mode)**2).sum(1) < 1.0] = -np.inf
-    return points.x[height.argmax()], height.max()
+def _to_climb(heights_at, points, modes, laws):
+    """Where to climb from, away from modes that are known: the most probable point, or
+    the mean of the nearest of some laws if that is higher; its height, and that law, or
+    None.
+    """
+    def is_new(x):
+        return np.all([((x - mode)**2).sum(-1) > 1.0 for mode, _ in modes], axis=0)
+    height = np.where(is_new(points.x), points.log_posterior, -np.inf)
+    start, height = points.x[height.argmax()], height.max()
+    law = min(laws, key=lambda law: ((law[0] - start)**2).sum(), default=None)
+    if law and is_new(law[0]):
+        middle = heights_at(law[0][None])[0]
+        if middle > height:
+            start, height = law[0], middle
+    return start, height, law
 
 
 NEAR = 3.0    # times the standard deviations of a guess, on average over all axes

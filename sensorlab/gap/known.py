@@ -151,17 +151,18 @@ def expected_mean(hypotheses, dt, samples):
     """Root mean square of the means of simulated records, u."""
     weight = np.full(samples, 1.0 / samples)
     return float(np.sqrt(np.mean([
-        h.bias_sigma**2 + np.mean(_mean_squares(h, dt, weight)) for h in hypotheses])))
+        h.bias_sigma**2 + np.mean(mean_squares(h, dt, weight)) for h in hypotheses])))
 
 
-def _mean_squares(h, dt, weight):
+def mean_squares(h, dt, weight, nodes=None):
     """Mean squares (M,) of the weighted sum of the first samples of a hypothesis, less
-    its bias, at parameters that stand for its prior.
+    its bias, at nodes (M, p), or at parameters that stand for its prior.
     """
-    free = len(free_columns(h.parameters))
-    u = LatinHypercube(max(free, 1), rng=0).random(PRIOR_NODES if free else 1)
-    return [mean_square(weight, *h.filter(dt, theta))
-            for theta in at_quantiles(h.parameters, u[:, :free])]
+    if nodes is None:
+        free = len(free_columns(h.parameters))
+        u = LatinHypercube(max(free, 1), rng=0).random(PRIOR_NODES if free else 1)
+        nodes = at_quantiles(h.parameters, u[:, :free])
+    return [mean_square(weight, *h.filter(dt, theta)) for theta in nodes]
 
 
 def check_units(scene, bases):
@@ -170,7 +171,7 @@ def check_units(scene, bases):
     """
     weight = np.array([-1.0, 1.0]) / np.sqrt(2.0)
     most = CATALOGUE["wrong_parameter"].factor    # no parameter is more wrong
-    of_all = np.sqrt(np.concatenate([_mean_squares(h, scene.dt, weight)
+    of_all = np.sqrt(np.concatenate([mean_squares(h, scene.dt, weight)
                                      for h in bases]))
     least, noise = of_all.min(), of_all.max()
     if scene.white > most * noise and not any(h.has_jumps for h in bases):
