@@ -15,7 +15,6 @@ from sensorlab import Scene
 from sensorlab.gap import blackbox, words
 from sensorlab.gap.distance import distance
 from sensorlab.gap.joint import NEAR, SHARE, surface_of
-from sensorlab.gap.known import default_simulator
 from sensorlab.gap.members import members
 from sensorlab.gap.twins import less_shared
 from sensorlab.gap.wrong import Beyond
@@ -312,7 +311,7 @@ def on_a_weak_walk(seed):
 @pytest.mark.parametrize("own, seed", [(1, 104), large(2, 102)])
 def test_a_walk_that_one_record_does_not_show_is_no_gap_in_the_next(own, seed):
     y = on_a_weak_walk(own)[None]
-    first = sensorlab.diagnose(y[0], DT, default_simulator(y[0], DT)).final
+    first = sensorlab.diagnose(y[0], DT).final
     assert first.member.hypothesis.name == "white_noise"    # hardly likelier
     simulator = sensorlab.simulator_from(y, DT)
     assert simulator.hypotheses[0].name in ("random_walk", "markov")
@@ -332,7 +331,7 @@ def test_few_records_tell_how_wide_their_parameters_spread():
 def test_a_factor_on_all_standard_deviations_is_in_them(monkeypatch):
     said = [sensorid.hypothesis("random_walk", sigma_w=0.1, sigma_v=0.5)]
     y = 9.80665 * sensorid.simulate(said, DT, 1500, seed=4).error
-    monkeypatch.setattr(blackbox, "diagnose", lambda y, dt, hypotheses, columns:
+    monkeypatch.setattr(blackbox, "diagnose", lambda y, dt, columns:
                         sensorlab.diagnose(y, dt, said, columns))
     simulator = sensorlab.simulator_from(y, DT)
     assert simulator.effects == ((),)

@@ -237,6 +237,13 @@ def test_what_drifts_returns_or_lags_is_named(effect):
         assert abs(d.found[0].values["duration"][0] - 15.0) < 5.0
 
 
+def test_without_a_simulator_that_of_the_paper_stands_for_it():
+    y = np.random.default_rng(3).standard_normal(400).cumsum()
+    one, other = sensorlab.diagnose(y, DT), sensorlab.diagnose(
+        y, DT, sensorid.default_hypotheses(y, DT))
+    assert one.causes == other.causes
+
+
 @pytest.mark.large
 @pytest.mark.parametrize("play", [0.1, 0.3])
 def test_a_play_is_read_with_its_size(play):
@@ -1244,7 +1251,7 @@ def test_a_first_sample_that_is_odd_is_no_burst(seed, size):
 @pytest.mark.parametrize("asked, message", [
     (lambda y: sensorlab.diagnose(y, DT, WHITE, effects=3), "3 is no effect"),
     (lambda y: sensorlab.diagnose(y, DT, WHITE, [1]), r"columns are \[1\]: a dict"),
-    (lambda y: sensorlab.diagnose(y, DT, None), "None is no hypothesis"),
+    (lambda y: sensorlab.diagnose(y, DT, [None]), "None is no hypothesis"),
     (lambda y: sensorid.simulate(3, DT, 100, 2), "3 is no hypothesis"),
     (lambda y: sensorid.grid("walk", DT, 33), "'walk' is no hypothesis"),
     (lambda y: sensorid.criteria(MODEL, DT, 100.0, 16, executor=3), "executor is 3"),

@@ -7,7 +7,6 @@ from sensorlab.drawings import draw_diagnosis, matplotlib_for_files, save
 from sensorlab.gap.augmented import augmented
 from sensorlab.gap.curves import view
 from sensorlab.gap.diagnosis import diagnose
-from sensorlab.gap.known import default_simulator
 from sensorlab.gap.report import report
 from sensorlab.gap.words import described
 from sensorlab.several.work import model_of
@@ -28,8 +27,7 @@ def run(options):
                          "diagnose takes several")
     (record,), unit = records, records[0].unit
     with progress_line() as progress:
-        d = diagnose(record.error, record.dt, default_simulator(
-            record.error, record.dt), progress=progress)
+        d = diagnose(record.error, record.dt, progress=progress)
     simulator = augmented(d)
     (h,) = simulator.hypotheses
     try:

@@ -15,7 +15,7 @@ from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.effects import fixed
 from sensorlab.gap.implied import NEAREST
 from sensorlab.gap.joint import joint_of
-from sensorlab.gap.known import as_records, default_simulator, mean_squares
+from sensorlab.gap.known import as_records, mean_squares
 from sensorlab.gap.members import Simulator
 from sensorlab.gap.readings import as_read, readings, recorded
 from sensorlab.gap.standins import solved_by
@@ -53,7 +53,7 @@ def simulator_from(records, dt, columns=None):
         If the records are no such array, or one of them cannot be diagnosed.
     """
     records = as_records(records, dt)[:MOST_RECORDS]
-    first = diagnose(records[0], dt, default_simulator(records[0], dt), columns)
+    first = diagnose(records[0], dt, columns=columns)
     acc = _that_drifts_most(first.final, len(records[0]), dt)
     seen = as_read(first.scene, acc.readings)
     samples, amplitudes = [acc.sample], [_amplitudes(seen, acc)]

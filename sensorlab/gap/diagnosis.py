@@ -19,7 +19,7 @@ from sensorlab.gap.flexible import closed_by_any
 from sensorlab.gap.implied import as_simulated, in_place
 from sensorlab.gap.known import (
     as_columns, as_records, as_simulator, bias_beside, check_recorded, check_scene,
-    check_units, with_readings, without_known)
+    check_units, default_simulator, with_readings, without_known)
 from sensorlab.gap.own import as_effects, check_parameters
 from sensorlab.gap.readings import as_read, compared, latent_mean, missing, recorded
 from sensorlab.gap.refits import estimated_together
@@ -62,7 +62,7 @@ class Diagnosis(NamedTuple):
     __repr__ = brief
 
 
-def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
+def diagnose(y, dt, simulator=None, columns=None, effects=None, trials=None, seed=0,
              progress=None, simulated=None):
     """Where a record differs from a simulator, which effect causes it, how far adding
     that effect closes the gap.
@@ -73,8 +73,9 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         Sensor error, u, evenly sampled; NaN marks a missing sample.
     dt : float
         Sampling interval, s.
-    simulator : Simulator, or sequence of Hypothesis
-        Draws one of its hypotheses with equal probability.
+    simulator : Simulator, or sequence of Hypothesis, optional
+        Draws one of its hypotheses with equal probability; by default those of
+        `default_hypotheses`.
     columns : dict of (N,) arrays, or DataFrame or Dataset of them, optional
         What was recorded beside the error; `CATALOGUE` names what is looked for.
     effects : sequence of Effect, or of their names in CATALOGUE, optional
@@ -113,7 +114,8 @@ def diagnose(y, dt, simulator, columns=None, effects=None, trials=None, seed=0,
         check_whole(trials, "numbers of simulated records", MIN_TRIALS)
     effects = as_effects(effects)
     check_parameters(effects, Scene(y, dt, columns))
-    simulator = as_simulator(simulator)
+    simulator = default_simulator(y, dt) if simulator is None else as_simulator(
+        simulator)
     simulated = simulator.records if simulated is None else as_records(simulated, dt)
     check_memory(len(y), len(columns))
     short = len(y) <= SHORT_RECORD

@@ -15,7 +15,6 @@ from sensorlab.gap.diagnosis import diagnose
 from sensorlab.gap.draws import simulate_effects
 from sensorlab.gap.effects import Scene
 from sensorlab.gap.implied import as_simulated
-from sensorlab.gap.known import default_simulator
 from sensorlab.gap.members import Simulator
 from sensorlab.gap.report import report
 from sensorlab.modelfiles import Model, check_onsets, model_text
@@ -130,8 +129,6 @@ def diagnosed(record, simulator=None, simulated=None, seed=0, files=None):
     y, dt, unit = record.error, record.dt, record.unit or "u"
     if simulated is not None:
         simulator = _described(simulated.tobytes(), len(simulated), dt)
-    elif simulator is None:
-        simulator = default_simulator(y, dt)
     if isinstance(simulator, Simulator):
         check_onsets(simulator, Scene(y, dt, {}))
     d = diagnose(y, dt, simulator, record.columns, seed=seed)
