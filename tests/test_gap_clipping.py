@@ -39,6 +39,19 @@ def test_what_lies_beyond_limits_has_the_law_of_the_rest(share, factor):
     assert np.all(y[inside].std() < 0.97 * x.std())    # which the rest alone has not
 
 
+@pytest.mark.parametrize("limits", [(-np.inf, 1.0), (-1.0, 2.0)])
+def test_what_lies_beyond_the_limits_of_counts_has_the_law_of_counts(limits):
+    x = np.random.default_rng(9).standard_normal(40_000)
+    y, clipped = np.round(x), np.round(np.clip(x, *limits))
+    filled = clipping.unclipped(clipped, *limits, 1.0)
+    assert_array_equal(filled, np.round(filled))
+    for code in (-3.0, -2.0, 1.0, 2.0, 3.0):
+        count, true = np.sum(filled == code), np.sum(y == code)
+        assert abs(count - true) < 5.0 * np.sqrt(true) + 0.05 * true    # fitted
+    mean, sd = clipping.latent_law(clipped, limits, 1.0)
+    assert abs(mean) < 0.03 and abs(sd - 1.0) < 0.03
+
+
 def test_draws_beyond_a_limit_are_of_the_cut_normal_law():
     y = np.minimum(np.random.default_rng(2).standard_normal(40000), 1.0)
     filled = clipping.unclipped(y, -np.inf, 1.0)[y == 1.0]

@@ -66,6 +66,19 @@ def test_few_spells_far_from_all_that_a_sensor_gives_are_lost(lsb, value, spells
         assert not dropouts(np.append(y[y != value], others)).own.any()
 
 
+@pytest.mark.parametrize("at", [1.6, 2.4, 5.0])
+def test_spans_that_are_all_at_zero_are_lost(at):
+    rng, begins = np.random.default_rng(8), range(100, N, 600)
+    for _ in range(5):
+        y = counts(at + rng.standard_normal(N), 1.0)
+        for begin in begins:
+            y[begin:begin + 25] = 0.0
+        own = dropouts(y).own
+        assert own[[range(begin, begin + 25) for begin in begins]].all()
+        assert own.sum() < 25 * len(begins) + 20    # a reading beside them may be 0
+        assert not dropouts(stuck(counts(at + rng.standard_normal(N), 1.0))).own.any()
+
+
 def with_a_knock(y):
     y = y.copy()
     y[1000:1006] = 60.0

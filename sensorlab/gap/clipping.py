@@ -177,8 +177,9 @@ def latent_law(y, ends, lsb):
             law = np.log(ndtr(half / sigma - z) - ndtr(-half / sigma - z) + TINY)
         else:
             law = -0.5 * z * z - at[1]
-        return -count @ law - sum(number * log_ndtr(sign * (mean - end) / sigma)
-                                  for sign, end, number in clipped)
+        return -count @ law - sum(
+            number * log_ndtr((sign * (mean - end) + half) / sigma)
+            for sign, end, number in clipped)
     mean, log_sigma = minimize(misfit, [start.mean(), np.log(start.std())],
                                method="Nelder-Mead").x
     return float(mean), float(np.exp(log_sigma))
@@ -197,8 +198,9 @@ FAR = 1e6        # standard deviations: as far out, a draw is at the limit
 KEPT = 4         # records
 
 
-def unclipped(y, low, high):
-    """A record (N,) with values beyond the limits where it lies on one, or beyond.
+def unclipped(y, low, high, lsb=0.0):
+    """A record (N,) with values beyond the limits where it lies on one, or beyond; if
+    it was rounded to multiples of lsb, a limit stands for what is half of it inside.
 
     They are drawn, always in the same way, from the law of an autoregressive process
     given all other samples and that they lie beyond; of a process that is fitted to
@@ -206,11 +208,11 @@ def unclipped(y, low, high):
     distributions by data augmentation", J. Am. Stat. Assoc. 82, 1987). NaN, missing,
     stays NaN; so does what is clipped in a record too short for that.
     """
-    return _unclipped(np.ascontiguousarray(y).tobytes(), low, high).copy()
+    return _unclipped(np.ascontiguousarray(y).tobytes(), low, high, lsb).copy()
 
 
 @functools.lru_cache(KEPT)
-def _unclipped(y, low, high):
+def _unclipped(y, low, high, lsb):
     y = np.frombuffer(y)
     side = (y >= high).astype(int) - (y <= low)
     missing, result = np.isnan(y), np.where(side, np.nan, y)
@@ -218,10 +220,10 @@ def _unclipped(y, low, high):
     if np.sum(inside) < LEAST:
         return result
     at, middle = np.flatnonzero(~inside), result[inside].mean()
-    x = np.where(side > 0, high, low) - middle
-    x[inside] = result[inside] - middle
+    end = np.select([side > 0, side < 0], [high, low], middle) - middle
+    x = np.where(inside, result - middle, end)
     x[missing] = np.interp(np.flatnonzero(missing), np.flatnonzero(inside), x[inside])
-    limit = np.where(side > 0, high, low)[at] - middle
+    limit = (end - 0.5 * lsb * side)[at]
     for seed in range(SWEEPS):
         rows = np.lib.stride_tricks.sliding_window_view(x, ORDER + 1)[:, ::-1]
         gram = row_products(rows.T, rows.T)
@@ -229,8 +231,10 @@ def _unclipped(y, low, high):
         c = np.append(1.0, -a)
         variance = max(c @ gram @ c, SMALLEST * gram[0, 0]) / len(rows)
         _sweep(x, at, side[at], limit, c, np.sqrt(variance), seed)
-    result = np.where(inside, y, np.where(
-        side > 0, np.maximum(x + middle, high), np.minimum(x + middle, low)))
+    beyond = side * (x - end)
+    if lsb:
+        beyond = lsb * np.round(beyond / lsb)
+    result = np.where(inside, y, end + middle + side * np.maximum(beyond, 0.0))
     result[missing | ~np.isfinite(result)] = np.nan
     return result
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import erf, ndtr
 
+from sensorlab.gap.repeats import stuck_spans
 from sensorlab.gap.values import (
     CERTAIN, EXACT, FEWEST, NOISY, NORMAL_MEDIAN, PREDICTED_BY, TELLING, lattice,
     less_rounding, not_foretold, runs)
@@ -51,7 +52,29 @@ def dropouts(y):
                     _is_alien(value, others, own) or _is_far_off(value, others, own)
                     or value == 0.0 and _is_out_of_reach(y, own)):
                 return Dropouts(own, float(value) + 0.0)    # not -0
+        own = _held_at_zero(y)
+        if own.any():
+            return Dropouts(own)
     return Dropouts(np.zeros(len(y), bool))
+
+
+HELD_AT_ZERO = np.log(1000.0)    # nats, by which spans are all at 0 by no chance
+
+
+def _held_at_zero(y):
+    """Samples (N,) of spans of equal values longer than chance, if all of them are 0,
+    which is no limit of the record, and a sensor stuck at any value hardly was there.
+    """
+    nothing = np.zeros(len(y), bool)
+    if not np.nanmin(y) < 0.0 < np.nanmax(y):
+        return nothing
+    spans, again = stuck_spans(y, lattice(y), nothing)
+    start = np.array([begin for begin, _ in spans], int)
+    if len(spans) < FEWEST_RUNS or y[start].any():
+        return nothing
+    own = again | np.isin(np.arange(len(y)), start)
+    share = np.mean(y[~own] == 0.0) + ALMOST_NEVER
+    return own if -len(spans) * np.log(share) > HELD_AT_ZERO else nothing
 
 
 def less_dropouts(y):
@@ -137,6 +160,10 @@ def _on_one_code(lsb, noise):
     return erf(lsb / (2.0 * np.sqrt(2.0) * noise)) + ALMOST_NEVER
 
 
+RARELY = 0.01    # of the samples, at most, are foretold to be there: where more are
+                 # clipped, others are too near to foretell as many
+
+
 def _is_out_of_reach(y, own):
     """Is 0, which samples (N,) are, beyond one end of all others, and met far more
     often than those before foretell, or half as surely so but then for long? What is
@@ -167,7 +194,8 @@ def _is_out_of_reach(y, own):
     nats = count * np.log(count / foretold) - count + foretold
     again = np.sum(own[1:] & own[:-1]) * -np.log(
         _on_one_code(lsb, less_rounding(sd, lsb)))
-    return bool(nats > CERTAIN or nats > 0.5 * CERTAIN and again > CERTAIN)
+    return bool(nats > CERTAIN or nats > 0.5 * CERTAIN and again > CERTAIN and (
+        foretold < RARELY * len(lost)))
 
 
 def _is_met_too_often(value, others, lsb, noise, count):

@@ -493,7 +493,8 @@ def as_read(full, seen):
             clipped = (full.y <= low) | (full.y >= high)
             raw = np.where(clipped, full.y, y) + full.known
             low, high = np.max(low + full.known), np.min(high + full.known)
-            y[clipped] = (unclipped(raw, low, high) - full.known)[clipped]
+            lsb = max(one.cell for one in seen)
+            y[clipped] = (unclipped(raw, low, high, lsb) - full.known)[clipped]
     return full._replace(y=y)
 
 
