@@ -10,7 +10,7 @@ from scipy.fft import next_fast_len
 from scipy.special import erf, pdtrc, xlogy
 
 from sensorlab.gap.values import (
-    CERTAIN, FEWEST, MOSTLY, NOISY, SMOOTH_OVER, TELLING, beside, lattice,
+    CALM, CERTAIN, FEWEST, MOSTLY, NOISY, SMOOTH_OVER, TELLING, beside, lattice,
     lattice_and_noise, lattice_between, less_rounding, noise_of, noise_where_calm, runs,
     unpredicted, within)
 
@@ -262,7 +262,8 @@ def _equal_by_chance(y):
 
 # ---- in spans
 
-RARE = 0.1       # runs as long that are to be expected by chance: of more none is told
+RARE = 0.1       # runs as long that are to be expected by chance: if more are, none of
+                 # them is told first
 SELDOM = 1e-4    # probability that so many are as long
 
 
@@ -278,9 +279,9 @@ def stuck_spans(y, lsb, clipped):
     start, length = runs(np.append(False, np.diff(y) == 0.0) & ~clipped)
     chance = (_expected_on_lattice(y, start, length, lsb) if lsb else
               len(y) * _tie_by_chance(start, length, len(y))**length)
-    rare = (length > 1) & (chance < RARE)
-    start, length, chance = start[rare], length[rare], chance[rare]
-    rarest = np.sort(chance)
+    several = length > 1
+    start, length, chance = start[several], length[several], chance[several]
+    rarest = np.sort(chance[chance < RARE])
     sure = np.flatnonzero(pdtrc(np.arange(len(rarest)), rarest) < SELDOM)
     own = chance <= (rarest[sure[-1]] if len(sure) else -1.0)
     if own.any():
@@ -295,7 +296,7 @@ def _expected_on_lattice(y, start, length, lsb):
     many where the noise does not tell.
 
     Noise, and counts, may change: those before or behind a run tell, where most are
-    equal, or the noise is least if few are.
+    equal, or the noise is least if few are. Runs beside others are of a calm part.
     """
     N, long = len(y), length > LONGEST
     left_out = within(start[long], length[long], N)
@@ -307,18 +308,30 @@ def _expected_on_lattice(y, start, length, lsb):
     usual = np.minimum(_stays(np.nanmean(same, where=~left_out)),
                        _stays_in(np.nanmean(step, where=~left_out), lsb))
     chance = N * usual**length
-    rare = np.flatnonzero(chance < RARE)
+    rare = np.flatnonzero(chance < 1.0)
     while len(rare):
         runs_of = start[rare], length[rare]
         by_ties = _stays(np.maximum(*beside(same, *runs_of, 0.0)))
         by_noise = _stays_in(np.minimum(*beside(step, *runs_of, np.inf)), lsb)
-        chance[rare] = N * np.maximum(by_ties, np.minimum(by_noise, usual)
-                                      )**length[rare]
-        rarer = rare[chance[rare] < RARE]
+        stays = np.maximum(by_ties, np.minimum(by_noise, usual))
+        chance[rare] = np.where(_are_beside_others(*runs_of, N), np.inf,
+                                N * stays**length[rare])
+        rarer = rare[chance[rare] < 1.0]
         if len(rarer) == len(rare):
             break
         rare = rarer
     return chance
+
+
+def _are_beside_others(start, length, samples):
+    """Are most of CALM samples before or behind runs of that first sample and length in
+    others of them?
+    """
+    in_runs = np.append(0, np.cumsum(within(start, length, samples)))
+    end = start + length
+    before = in_runs[start] - in_runs[np.maximum(start - CALM, 0)]
+    behind = in_runs[np.minimum(end + CALM, samples)] - in_runs[end]
+    return np.maximum(before, behind) > 0.5 * CALM
 
 
 def _stays(ties):
